@@ -12,10 +12,10 @@ from condyn_pin.contact import (
     ADMM,
     CONTACT_SOLVERS,
     PGS,
-    Attempt,
     ContactProblem,
     ContactSolver,
     SemismoothNewton,
+    SolverResult,
     natural_residual,
 )
 from condyn_pin.errors import CondynError
@@ -127,7 +127,7 @@ def test_a_solver_that_lies_is_found_out():
 
         def attempt(self, problem, guess=None):
             self.calls.append(1)
-            return Attempt(right * (1 + 1e-12 * len(self.calls)), 1, ("unsteady",))
+            return SolverResult(right * (1 + 1e-12 * len(self.calls)), 1, ("unsteady",))
 
     try:
         assert judge_contact(problem, Unsteady())[0] is Verdict.WRONG

@@ -71,6 +71,16 @@ def test_a_name_of_the_last_version_is_forwarded_and_says_so(old, now):
     assert value.__name__ == now.rpartition(".")[2]
 
 
+@pytest.mark.parametrize(
+    ("room", "old", "now"),
+    [("contact", "Attempt", "SolverResult"), ("control", "Give", "Relaxation")],
+)
+def test_a_name_that_a_room_had_is_forwarded(room, old, now):
+    module = importlib.import_module(f"condyn_pin.{room}")
+    with pytest.warns(DeprecationWarning, match=f"{room}.{old} is condyn_pin.{room}.{now} now"):
+        assert getattr(module, old) is getattr(module, now)
+
+
 def test_an_unknown_name_is_an_attribute_error():
     with pytest.raises(AttributeError, match="no attribute 'nothing'"):
         _ = cp.nothing

@@ -30,7 +30,7 @@ from condyn_pin.constraints import (
     Polynomial,
 )
 from condyn_pin.constraints.contacts.shapes import Shape
-from condyn_pin.contact import ADMM, Attempt, ContactProblem, SemismoothNewton
+from condyn_pin.contact import ADMM, ContactProblem, SemismoothNewton, SolverResult
 from condyn_pin.dynamics import contact_gaps
 from condyn_pin.errors import StepFailed
 from condyn_pin.model import free_ball, free_box, painleve_rod, pendulum, together
@@ -469,8 +469,8 @@ def test_a_foot_that_lands_with_both_ends_in_one_step() -> None:
 
 
 def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
-    def give_up(problem: ContactProblem, *_: object) -> tuple[Attempt, float]:
-        return Attempt(np.zeros(problem.rows), 1, ("nothing",)), float(problem.rows > 0)
+    def give_up(problem: ContactProblem, *_: object) -> tuple[SolverResult, float]:
+        return SolverResult(np.zeros(problem.rows), 1, ("nothing",)), float(problem.rows > 0)
 
     for name in ("first_attempt", "fallbacks"):
         monkeypatch.setattr(step_problem, name, give_up)
@@ -490,9 +490,9 @@ def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) 
 def test_a_first_attempt_that_fails_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
-    def fail(_: ADMM, problem: ContactProblem, guess: Array | None = None) -> Attempt:
+    def fail(_: ADMM, problem: ContactProblem, guess: Array | None = None) -> SolverResult:
         asked.append(guess)
-        return Attempt(np.zeros(problem.rows), 1, ("ADMM",))
+        return SolverResult(np.zeros(problem.rows), 1, ("ADMM",))
 
     monkeypatch.setattr(ADMM, "at_once", lambda _, problem: None)
     monkeypatch.setattr(ADMM, "attempt", fail)

@@ -6,3 +6,33 @@ threads; tables of text and the style of pictures.
 
 Nothing here knows a robot, a constraint or a scene. Nothing here is public but the errors.
 """
+
+from collections.abc import Callable, Mapping
+from importlib import import_module
+from typing import Any
+from warnings import warn
+
+
+def forward(
+    room: str, public: Callable[[str], Any], renamed: Mapping[str, str]
+) -> Callable[[str], Any]:
+    """`__getattr__` of a room whose names of the last version are `renamed`; they go with the next.
+
+    Parameters
+    ----------
+    room : str
+        Its ``__name__``.
+    public : callable
+        What finds its names of today.
+    renamed : dict of str to str
+        From the old name to ``room.name`` of today.
+    """
+
+    def find(name: str) -> Any:
+        if not (now := renamed.get(name)):
+            return public(name)
+        warn(f"{room}.{name} is condyn_pin.{now} now", DeprecationWarning, stacklevel=2)
+        place, _, member = now.rpartition(".")
+        return getattr(import_module(f"condyn_pin.{place}"), member)
+
+    return find

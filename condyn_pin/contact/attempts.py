@@ -25,19 +25,21 @@ from condyn_pin.contact.problem import ContactProblem, islands
 from condyn_pin.contact.residuals import infeasible_contacts, natural_residual
 from condyn_pin.contact.solution import ContactSolution, ContactStatus
 from condyn_pin.contact.solvers.admm import ADMM
-from condyn_pin.contact.solvers.base import Attempt, ContactSolver
+from condyn_pin.contact.solvers.base import ContactSolver, SolverResult
 from condyn_pin.errors import InvalidArgument, SolveFailed
 
 _Answer: TypeAlias = Callable[
-    [ContactProblem, ContactSolver, Array | None, float], tuple[Attempt, float]
+    [ContactProblem, ContactSolver, Array | None, float], tuple[SolverResult, float]
 ]
-_Choose: TypeAlias = Callable[[ContactProblem, Attempt, float, float], tuple[Attempt, float]]
+_Choose: TypeAlias = Callable[
+    [ContactProblem, SolverResult, float, float], tuple[SolverResult, float]
+]
 
 
 @one_blas_thread
 def attempt_contact(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
-) -> tuple[Attempt, float]:
+) -> tuple[SolverResult, float]:
     """Return impulses and their natural residual, for hot loops.
 
     The solver goes on until that residual is within `accuracy`, or it has nothing left to try.
@@ -56,7 +58,7 @@ def attempt_contact(
 
     Returns
     -------
-    Attempt
+    SolverResult
         The best that was found.
     float
         Its natural residual; larger than `accuracy`, or NaN, where the impulses are wrong [1].
@@ -71,28 +73,30 @@ def attempt_contact(
 @one_blas_thread
 def attempt_near(
     problem: ContactProblem, solver: ContactSolver, guess: Array, accuracy: float
-) -> tuple[Attempt, float]:
+) -> tuple[SolverResult, float]:
     """Return the impulses that the solver finds from a guess, whatever other answers there are."""
-    return _apart(problem, solver, guess, accuracy, _insist, _as_found)
+    return _apart(
+        problem, solver, guess, accuracy, _insist, lambda _, found, natural, __: (found, natural)
+    )
 
 
 @one_blas_thread
 def first_attempt(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
-) -> tuple[Attempt, float]:
+) -> tuple[SolverResult, float]:
     """Return the first attempt of a solver with its natural residual, accurate enough or not."""
     return _apart(problem, solver, guess, accuracy, _first)
 
 
 @one_blas_thread
 def fallbacks(
-    problem: ContactProblem, solver: ContactSolver, found: Attempt, accuracy: float
-) -> tuple[Attempt, float]:
+    problem: ContactProblem, solver: ContactSolver, found: SolverResult, accuracy: float
+) -> tuple[SolverResult, float]:
     """Return the best of an inaccurate first attempt and of the solver's other attempts."""
 
     def others(
         part: ContactProblem, solver: ContactSolver, lam: Array | None, enough: float
-    ) -> tuple[Attempt, float]:
+    ) -> tuple[SolverResult, float]:
         assert lam is not None
         begun = found._replace(lam=lam, iterations=0)  # those of all parts are added below
         return _others(part, solver, begun, natural_residual(part, lam), enough)
@@ -108,10 +112,10 @@ def _apart(
     accuracy: float,
     answer: _Answer,
     choose: _Choose = by_rule,
-) -> tuple[Attempt, float]:
+) -> tuple[SolverResult, float]:
     """Return the answers of all islands of a problem as one, each as chosen among several."""
     if not problem.rows:
-        return Attempt(np.zeros(0), 0, ()), 0.0
+        return SolverResult(np.zeros(0), 0, ()), 0.0
     apart = islands(problem)
     if not apart:
         return choose(problem, *answer(problem, solver, guess, accuracy), accuracy)
@@ -129,24 +133,17 @@ def _apart(
         naturals.append(natural)
         several += found.several
         cost, stopped = cost + found.cost, stopped or found.stopped
-    found = Attempt(lam, iterations, tuple(path), answered, tuple(several), cost, stopped)
+    found = SolverResult(lam, iterations, tuple(path), answered, tuple(several), cost, stopped)
     return found, max(naturals) if isfinite(sum(naturals)) else nan
-
-
-def _as_found(
-    problem: ContactProblem, found: Attempt, natural: float, accuracy: float
-) -> tuple[Attempt, float]:
-    """Return an answer as it is."""
-    return found, natural
 
 
 def _first(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
-) -> tuple[Attempt, float]:
+) -> tuple[SolverResult, float]:
     """Return a cheap answer that the natural residual accepts, or else the first attempt."""
     if _closes_unmoved(problem, accuracy):
         lam = np.zeros(problem.rows)
-        return Attempt(lam, 0, (), answered=False), natural_residual(problem, lam)
+        return SolverResult(lam, 0, (), answered=False), natural_residual(problem, lam)
     if guess is None and (quick := solver.at_once(problem)) is not None:
         natural = natural_residual(problem, quick.lam)
         if natural <= accuracy:
@@ -157,14 +154,18 @@ def _first(
 
 def _insist(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
-) -> tuple[Attempt, float]:
+) -> tuple[SolverResult, float]:
     """Return the first attempt that the natural residual accepts, or the best of all."""
     return _others(problem, solver, *_first(problem, solver, guess, accuracy), accuracy)
 
 
 def _others(
-    problem: ContactProblem, solver: ContactSolver, best: Attempt, least: float, accuracy: float
-) -> tuple[Attempt, float]:
+    problem: ContactProblem,
+    solver: ContactSolver,
+    best: SolverResult,
+    least: float,
+    accuracy: float,
+) -> tuple[SolverResult, float]:
     """Return the best of a first attempt, with residual `least`, and of the alternatives."""
     found, stopped = best, False
     if least <= accuracy or _closes_unmoved(problem, accuracy):
@@ -282,7 +283,7 @@ def solve_contact(
 
 
 def judged(
-    problem: ContactProblem, found: Attempt, natural: float, accuracy: float, solve_time: float
+    problem: ContactProblem, found: SolverResult, natural: float, accuracy: float, solve_time: float
 ) -> ContactSolution:
     """Return an attempt with its status, judged by its natural residual."""
     unmet: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""Condense: what contacts feel of a robot whose loops never let go.
+"""Condense: Delassus operator of the contacts, loops eliminated.
 
     M (v+ - v) = p + J_b^T l_b + J_c^T lam,    J_b v+ = s
 
@@ -81,7 +81,7 @@ class Condensed(NamedTuple):
 
     @property
     def free_velocity(self) -> Array:
-        """v_free (nv,): the velocity after the step if no contact took part."""
+        """v_free (nv,): the velocity after the step without contact forces."""
         return np.asarray(dtrtrs(self.factors.L.T, self.free)[0])
 
     def changed(self, f: Array, s: Array) -> tuple[Array, Array]:

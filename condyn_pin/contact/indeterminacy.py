@@ -12,13 +12,13 @@ has one sigma where friction is small, and may have several in three ways:
     Painlevé   no impulse, and one that stops the contact. One contact alone has one answer where
                G_nn > mu |G_nt|.
 
-The rule is that of contacts which all give way alike, in the limit of hard ones,
+The rule is that of contacts which are all equally compliant, in the limit of rigid ones,
 
     lam = lim lam(eps),    sigma = (G + eps R) lam + g,    R = trace G / m  of cones, G_ii of joints
 
 without history, order or axes: walls that do not approach carry no pressure, equal springs share a
 load, and Painlevé's contact opens. By Newton's method from eps = 1 down to 1e-5, far above where
-rounding hides which load R asks for, and a parabola in eps through the last three.
+rounding hides the load by R, and a parabola in eps through the last three.
 
 References
 ----------
@@ -51,7 +51,7 @@ from condyn_pin.contact.problem import (
     normalised,
 )
 from condyn_pin.contact.residuals import natural_residual
-from condyn_pin.contact.solvers.base import Attempt
+from condyn_pin.contact.solvers.base import SolverResult
 from condyn_pin.contact.solvers.newton import SemismoothNewton, newton, refine, sticking
 
 # Sides of the polygons in the cones of a stress, and their share of the friction: their corners are
@@ -135,8 +135,8 @@ class Indeterminacy(NamedTuple):
         names, several = ", ".join(self.whole_names), "not determined by Coulomb's law"
         if self.kind == "wedge":
             chosen = (
-                "this is that of contacts which give way alike, without pressure that no force "
-                "asks for (model a preload as a spring or a force)"
+                "this is that of equally compliant contacts, without pressure that no force "
+                "causes (model a preload as a spring or a force)"
             )
             return (
                 f"{names} could hold what they touch whatever pushes it: the motion is {several}, "
@@ -148,7 +148,7 @@ class Indeterminacy(NamedTuple):
                 f"{len(self.names)} contacts slide and turn together ({names}): the velocities "
                 f"are {several}, as their loads are not; {chosen if self.by_rule else _ANY}"
             )
-        chosen = "this is that of contacts which give way alike, in the limit of hard ones"
+        chosen = "this is that of equally compliant contacts, in the limit of rigid ones"
         return (
             f"{names}: several answers obey Coulomb's law (Painlevé), another one with "
             f"{self.other:.3g} N s along the normal: the motion is {several}; "
@@ -163,8 +163,8 @@ _ANY: Final = "this is one of them, as the solver found it"
 
 
 def by_rule(
-    problem: ContactProblem, found: Attempt, natural: float, accuracy: float
-) -> tuple[Attempt, float]:
+    problem: ContactProblem, found: SolverResult, natural: float, accuracy: float
+) -> tuple[SolverResult, float]:
     """Return an answer and its natural residual; that of the rule where there are several.
 
     Notes
@@ -211,7 +211,7 @@ def is_determined(problem: ContactProblem) -> bool:
     return True
 
 
-def _chosen(found: Attempt, lam: Array, *several: Indeterminacy) -> Attempt:
+def _chosen(found: SolverResult, lam: Array, *several: Indeterminacy) -> SolverResult:
     return found._replace(lam=lam, path=(*found.path, "equal compliance"), several=several)
 
 
@@ -220,8 +220,8 @@ def _chosen(found: Attempt, lam: Array, *several: Indeterminacy) -> Attempt:
 
 
 def _wedged(
-    problem: ContactProblem, found: Attempt, natural: float, accuracy: float, stress: Array
-) -> tuple[Attempt, float]:
+    problem: ContactProblem, found: SolverResult, natural: float, accuracy: float, stress: Array
+) -> tuple[SolverResult, float]:
     """Return the answer of the rule, and what the wedge could hold and does not."""
     lam = _held(problem, accuracy)
     if lam is None:
@@ -242,7 +242,7 @@ def _wedged(
 def _held(problem: ContactProblem, accuracy: float) -> Array | None:
     """Return impulses with which all that closes sticks, if they are an answer.
 
-    It stays one if contacts give way alike: the rule has the same motion.
+    It stays one with equally compliant contacts: the rule has the same motion.
     """
     lam = sticking(problem)
     return lam if lam is not None and natural_residual(problem, lam) <= accuracy else None
@@ -400,9 +400,9 @@ def _continuum(
     if not slides.any() or not _may_be_redundant(problem, modes):
         return None
     small, unit = normalised(problem)
-    end = newton(small, np.asarray(lam / unit), _POLISH)
-    of = InModes(small, modes).at(end.lam)
-    A = of.by_sigma.dot(small.G) + of.by_lam
+    lam_at_end, _ = newton(small, np.asarray(lam / unit), _POLISH)
+    equations = InModes(small, modes).at(lam_at_end)
+    A = equations.by_sigma.dot(small.G) + equations.by_lam
     if not np.isfinite(A).all():
         return None
     _, values, vectors = np.linalg.svd(A / np.linalg.norm(A, axis=1, keepdims=True))
@@ -507,14 +507,14 @@ def compliance(problem: ContactProblem) -> Array:
 
 
 def _limit(problem: ContactProblem) -> Array | None:
-    """Return the impulses of contacts that give way alike, in the limit of hard ones."""
+    """Impulses of equally compliant contacts, in the limit of rigid ones."""
     R, lam = compliance(problem), None
     for eps in _SOFT:
-        lam = _giving_way(problem, eps * R, lam)
+        lam = _compliant(problem, eps * R, lam)
     for ends in _ENDS:
         kept = []
         for eps in ends:
-            lam = _giving_way(problem, eps * R, lam)
+            lam = _compliant(problem, eps * R, lam)
             if lam is None:
                 return None
             kept.append(lam)
@@ -532,7 +532,7 @@ def _weights(ends: tuple[float, ...]) -> list[float]:
     ]
 
 
-def _giving_way(problem: ContactProblem, R: Array, guess: Array | None) -> Array | None:
+def _compliant(problem: ContactProblem, R: Array, guess: Array | None) -> Array | None:
     """Return the answer of a problem with compliance, from a guess; None if none is found."""
     soft = problem.replaced(R=R)
     for _ in range(_STEPS // _POLISH):  # it goes on at rounding, which costs more than the rest

@@ -89,11 +89,14 @@ class _Path:
             return self.lam
         for _ in range(_LEGS):
             d = self._direction()
-            rate = self.G.dot(d)
-            if self.compressed is not None and self._is_jammed(rate):
+            rate, s = self.G.dot(d), self.sigma
+            jams = s[2] <= self.still and rate[2] <= _JAMMED * self.G[2, 2]
+            if self.compressed is not None and jams:
                 break
-            is_line = self._is_straight(rate)
-            ended = self._go_straight(d, rate) if is_line else self._go_round()
+            turn = abs(s[0] * rate[1] - s[1] * rate[0])
+            is_line = turn <= _STRAIGHT * hypot(s[0], s[1]) * np.abs(self.G).max()
+            straight = self.has_stopped or is_line
+            ended = self._go_straight(d, rate) if straight else self._go_round()
             if not ended:
                 continue
             if self.compressed is not None or not self.e:
@@ -109,15 +112,6 @@ class _Path:
             return direction_after_stop(self.G, self.mu)
         x, y = self.sigma[:2] / hypot(*self.sigma[:2])
         return np.array([-self.mu * x, -self.mu * y, 1.0])
-
-    def _is_jammed(self, rate: Array) -> bool:
-        return bool(self.sigma[2] <= self.still and rate[2] <= _JAMMED * self.G[2, 2])
-
-    def _is_straight(self, rate: Array) -> bool:
-        s, r = self.sigma, rate
-        return self.has_stopped or bool(
-            abs(s[0] * r[1] - s[1] * r[0]) <= _STRAIGHT * hypot(s[0], s[1]) * np.abs(self.G).max()
-        )
 
     def _go_straight(self, d: Array, rate: Array) -> bool:
         """Go along a line to where slip stops, or the phase ends; return whether that is so."""

@@ -50,7 +50,7 @@ class ContactProblem:
     Parameters
     ----------
     G : (m, m) array_like
-        J M^-1 J^T along the constraints that never let go, symmetric, not negative [1/kg].
+        J M^-1 J^T along the constraints, which never open, symmetric, not negative [1/kg].
     g : (m,) array_like
         Velocity of the contacts without impulses, with what the scheme adds to it [m/s].
     friction : (k,) array_like
@@ -88,7 +88,14 @@ class ContactProblem:
         put = object.__setattr__
         m = np.size(self.g)
         put(self, "g", _kept("g", self.g, (m,)))
-        put(self, "G", read_only(_symmetric(_kept("G", self.G, (m, m)))))
+        G = _kept("G", self.G, (m, m))
+        worst = float(np.abs(G - G.T).max(initial=0.0))
+        if worst > tolerances.SYMMETRIC * float(np.abs(G).max(initial=0.0)):
+            raise InvalidArgument(
+                f"G: it differs from its transpose by {worst:.3g}; J M^-1 J^T is symmetric, "
+                "(G + G.T) / 2 takes rounding out of it"
+            )
+        put(self, "G", read_only((G + G.T) / 2))
         put(self, "friction", _not_negative("friction", self.friction, tolerances.MOST_FRICTION))
         put(self, "limits", _not_negative("limits", self.limits))
         if self.R is not None:
@@ -180,16 +187,6 @@ def scale_of(stiffness: list[float], g: Array) -> tuple[float, float]:
     stiff = sum(stiffness) / max(len(stiffness), 1)
     speed = max(map(abs, g.tolist()), default=0.0)
     return stiff or 1.0, 1.0 if speed < STILL else speed
-
-
-def _symmetric(G: Array) -> Array:
-    worst = float(np.abs(G - G.T).max(initial=0.0))
-    if worst > tolerances.SYMMETRIC * float(np.abs(G).max(initial=0.0)):
-        raise InvalidArgument(
-            f"G: it differs from its transpose by {worst:.3g}; J M^-1 J^T is symmetric, "
-            "(G + G.T) / 2 takes rounding out of it"
-        )
-    return (G + G.T) / 2
 
 
 def _kept(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = HUGE) -> Array:
@@ -405,18 +402,11 @@ def _islands(sets: ContactSets, names: tuple[str, ...], pattern: bytes) -> tuple
 
 def components(felt: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
     """Return the masks of the contacts in each component of a graph (k, k)."""
-    label = _labels(felt | np.eye(len(felt), dtype=bool))
+    felt = felt | np.eye(len(felt), dtype=bool)
+    label, least = None, np.arange(len(felt))
+    while label is None or (least != label).any():  # the smallest index of those connected to each
+        label, least = least, np.where(felt, least, len(felt)).min(axis=1)
     return [label == each for each in np.unique(label)]
-
-
-def _labels(felt: NDArray[np.bool_]) -> Indices:
-    """Return the smallest index among the contacts connected to each contact."""
-    label = np.arange(len(felt))
-    while True:
-        least = np.where(felt, label, len(felt)).min(axis=1)
-        if (least == label).all():
-            return label
-        label = least
 
 
 def island_of(sets: ContactSets, names: tuple[str, ...], contacts: Indices) -> Island:
@@ -497,7 +487,7 @@ def _mode_of_a_cone(
     return SLIDE if slip > still else STICK
 
 
-class Equations(NamedTuple):
+class ModeEquations(NamedTuple):
     """Residuals of the equations of contacts in their modes at one lam, and their partials."""
 
     sigma: Array  # (m,)
@@ -509,7 +499,7 @@ class Equations(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _places(k: int, m: int) -> Indices:
-    """Return the flat indices of `_of_a_cone`, then `_of_a_row`, in an array (m, 1 + 2 m + k).
+    """Return the flat indices of the numbers of cones, then rows, in an array (m, 1 + 2 m + k).
 
     Columns are what is left, by sigma, by lam and by friction.
     """
@@ -528,28 +518,26 @@ class InModes:
     def __init__(self, problem: ContactProblem, modes: Modes) -> None:
         self._problem, self._modes = problem, modes.tolist()
 
-    def at(self, lam: Array) -> Equations:
-        """Return the residuals of the equations at impulses lam, and their partials."""
-        problem, m = self._problem, len(lam)
-        k, sigma = len(problem.friction), problem.velocities(lam)
-        found = np.zeros((m, 1 + 2 * m + k))
-        found.put(_places(k, m), self._numbers(lam.tolist(), sigma.tolist()))
-        parts = found[:, 1 : 1 + m], found[:, 1 + m : 1 + 2 * m], found[:, 1 + 2 * m :]
-        return Equations(sigma, found[:, 0], *parts)
-
-    def _numbers(self, l: list[float], s: list[float]) -> list[float]:  # noqa: E741
-        """Return the equations of all contacts, at their `_places`; in a ccp what slides lifts."""
+    def at(self, lam: Array) -> ModeEquations:
+        """Residuals of the equations at impulses lam, and partials; in a ccp what slides lifts."""
         problem, modes, sets = self._problem, self._modes, self._problem.sets
+        m, sigma, lifts = len(lam), problem.velocities(lam), float(problem.law == "ccp")
         (t1, t2, n), mu = sets.axes, sets.coefficients
-        k, lifts = len(mu), float(problem.law == "ccp")
+        k, l, s = len(mu), lam.tolist(), sigma.tolist()  # noqa: E741  of the equations above
         numbers: list[float] = []
-        for of_one in zip(modes, mu, l[t1], l[t2], l[n], s[t1], s[t2], s[n], strict=False):
-            numbers += _of_a_cone(lifts, *of_one)
-        if len(l) > 3 * k:
-            limits = problem.half_lines * [inf] + problem.limits.tolist()
-            for of_one in zip(modes[k:], limits, l[3 * k :], s[3 * k :], strict=True):
-                numbers += _of_a_row(*of_one)
-        return numbers
+        for cone in zip(modes, mu, l[t1], l[t2], l[n], s[t1], s[t2], s[n], strict=False):
+            numbers += _of_a_cone(lifts, *cone)
+        limits = problem.half_lines * [inf] + problem.limits.tolist()
+        for mode, limit, li, si in zip(modes[k:], limits, l[3 * k :], s[3 * k :], strict=True):
+            # a stop has no limit; dry friction of zero holds nothing
+            if mode == STICK and limit:
+                numbers += (si, 1.0, 0.0)
+            else:
+                numbers += (li + copysign(limit, si) if mode == SLIDE else li, 0.0, 1.0)
+        equations = np.zeros((m, 1 + 2 * m + k))
+        equations.put(_places(k, m), numbers)
+        parts = equations[:, 1 : 1 + m], equations[:, 1 + m : 1 + 2 * m], equations[:, 1 + 2 * m :]
+        return ModeEquations(sigma, equations[:, 0], *parts)
 
 
 def _of_a_cone(
@@ -582,16 +570,6 @@ def _of_a_cone(
         l2 + mu * ln * y, -w * x * y, w * x * x, 0.0, 0.0, 1.0, mu * y, ln * y,
         vn - lift * slip, -lift * x, -lift * y, 1.0, 0.0, 0.0, 0.0, -lifts * slip,
     )  # fmt: skip
-
-
-def _of_a_row(mode: int, limit: float, l: float, s: float) -> tuple[float, float, float]:  # noqa: E741
-    """Return the residual of a stop or of dry friction, and its partials by sigma and by lam.
-
-    A stop has no `limit`; dry friction of zero holds nothing.
-    """
-    if mode == STICK and limit:
-        return (s, 1.0, 0.0)
-    return (l + copysign(limit, s) if mode == SLIDE else l, 0.0, 1.0)
 
 
 # The same contact problem in units where its numbers are near one.
@@ -634,22 +612,17 @@ def _differ(problem: ContactProblem) -> bool:
 
 
 def _normalised_by_contact(problem: ContactProblem) -> tuple[ContactProblem, Array]:
+    """Normalised problem with S (m,) by the mean of the diagonal over each contact."""
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
-    S = _by_contact(problem, G.diagonal())
+    blocks = problem.sets.blocks
+    mean = (np.bincount(blocks, G.diagonal()) / np.bincount(blocks))[blocks]
+    S = np.ldexp(1.0, -(np.frexp(np.where(mean > 0, mean, 1.0))[1] // 2))
     g = problem.g * S
     fast = float(np.abs(g).max())
     w = 1.0 if fast < STILL else _power_of_two(fast)
     limits = problem.limits / S[problem.sets.parts[2]] / w
     made = problem.replaced(G=G * np.multiply.outer(S, S), g=g / w, limits=limits, R=None)
     return made, S * w
-
-
-def _by_contact(problem: ContactProblem, diagonal: Array) -> Array:
-    """Return S (m,), by the mean of the diagonal over each contact."""
-    blocks = problem.sets.blocks
-    mean = (np.bincount(blocks, diagonal) / np.bincount(blocks))[blocks]
-    exponents = np.frexp(np.where(mean > 0, mean, 1.0))[1]
-    return np.asarray(np.ldexp(1.0, -(exponents // 2)))
 
 
 def _power_of_two(x: float) -> float:

@@ -19,7 +19,7 @@ and each is the largest over the contacts. `natural` is zero if and only if the 
 and has no threshold: the status is judged by it. What sticks is judged by s and not by d, whose mu
 |s_t| makes mu times too much of a slip, or hides a fall behind one: where K contains l, impulses
 solve the problem whose g is less by s. So |s| counts there if K contains l - d too, and else where
-it is less. In a ccp, contacts that slide lift off: it asks for neither signorini nor uplift, and
+it is less. In a ccp, contacts that slide lift off: neither signorini nor uplift is a condition, and
 what they are is the price of its convexity. Half-lines have no tangential part. Intervals have no
 dual cone, and dissipate: | |s| l + limit s |.
 
@@ -105,10 +105,11 @@ def natural_residual(problem: ContactProblem, lam: Array) -> float:
     missed.append(_EPS * max(map(abs, l)))  # d is lost beside an impulse that is huge
     if problem.half_lines:
         lines = sets.parts[1]
-        missed += map(_missed_by_a_half_line, l[lines], s[lines])
+        missed += [abs(li - max(li - si, 0.0)) for li, si in zip(l[lines], s[lines], strict=True)]
     if len(problem.limits):
         dry, limits = sets.parts[2], (problem.limits * stiff).tolist()
-        missed += map(_missed_by_an_interval, limits, l[dry], s[dry])
+        for most, li, si in zip(limits, l[dry], s[dry], strict=True):
+            missed.append(abs(li - min(max(li - si, -most), most)))
     return max(missed) / speed if isfinite(sum(missed)) else nan
 
 
@@ -137,14 +138,6 @@ def _missed_by_cones(
             natural = max(abs(l1 - share * x1), abs(l2 - share * x2), abs(ln - n))
         missed.append(min(natural, stuck))  # NaN, if natural is
     return missed
-
-
-def _missed_by_a_half_line(l: float, s: float) -> float:  # noqa: E741
-    return abs(l - max(l - s, 0.0))
-
-
-def _missed_by_an_interval(most: float, l: float, s: float) -> float:  # noqa: E741
-    return abs(l - min(max(l - s, -most), most))
 
 
 def contact_residuals(problem: ContactProblem, lam: Array) -> ContactResiduals:
@@ -235,8 +228,8 @@ def infeasible_contacts(
 ) -> tuple[str, ...]:
     """Return the names of contacts that no impulse can meet together; none if none is proved.
 
-    They contradict each other by more than `by`, relative: less is rounding, most often, or what
-    who asks for little accepts.
+    They contradict each other by more than `by`, relative: less is rounding, most often, or within
+    a low accuracy.
 
     Nonnegative least squares, min |(G + R) N x|^2 + (g . N x + 1)^2, find the x that is asked for.
     """
@@ -244,11 +237,9 @@ def infeasible_contacts(
     from scipy.optimize import nnls
 
     stiff, speed = problem.scale
-    N = (
-        _normals(problem)
-        if problem.law == "ncp"
-        else np.hstack([_normals(problem), _edges(problem)])
-    )
+    N = np.eye(problem.rows)[:, problem.sets.normals]
+    if problem.law == "ccp":
+        N = np.hstack([N, _edges(problem)])
     if not N.shape[1] or not isfinite(stiff * speed):
         return ()
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
@@ -266,11 +257,6 @@ def infeasible_contacts(
         return ()
     blocks = problem.sets.blocks[np.abs(z) > tolerances.CERTIFICATE * size]
     return tuple(problem.names[i] for i in np.unique(blocks))
-
-
-def _normals(problem: ContactProblem) -> Array:
-    """Return the normals of cones and the rows of half-lines, as columns."""
-    return np.eye(problem.rows)[:, problem.sets.normals]
 
 
 def _edges(problem: ContactProblem) -> Array:

@@ -127,7 +127,8 @@ class RestitutionLaw(ABC):
         for island, contacts in _parts(problem):
             part = island.problem(problem)
             e = restitution[contacts]
-            if not _strikes(part, e).any():
+            slow = _NONE * float(np.abs(part.g).max(initial=0.0))
+            if not ((part.g[part.sets.normals] < -slow) & (e > 0)).any():
                 continue
             if together := _at_once(part, e):
                 text = (
@@ -162,7 +163,7 @@ class RestitutionLaw(ABC):
 
 
 class _Answer(NamedTuple):
-    """Impulses of contacts that feel each other; None if they are left to Newton's law."""
+    """Impulses of contacts that feel each other; None where Newton's law answers."""
 
     lam: Array | None
     missed: float  # what the contact problems behind it are off by [m/s]
@@ -211,7 +212,7 @@ class Poisson(RestitutionLaw):
     title: ClassVar[str] = "Poisson"
 
     def _answer(self, problem: ContactProblem, e: Array) -> _Answer:
-        return _Answer(*_repeated(problem, e, "poisson", 1))
+        return _Answer(*_until_apart(problem, e, "poisson", 1))
 
 
 @dataclass(frozen=True)
@@ -266,9 +267,7 @@ class Energetic(RestitutionLaw):
         return super().strike(problem, restitution, always=always or self.chain)
 
     def _answer(self, problem: ContactProblem, e: Array) -> _Answer:
-        if self.chain:
-            return _Answer(*_chained(problem, e, self.pieces))
-        return _Answer(*_repeated(problem, e, "stronge", self.pieces))
+        return _Answer(*_until_apart(problem, e, "stronge", self.pieces, chain=self.chain))
 
 
 def check_law(law: object) -> None:
@@ -290,12 +289,6 @@ def _parts(problem: ContactProblem) -> list[tuple[Island, NDArray[np.int_]]]:
     everything = np.arange(len(problem.names))
     apart = islands(problem) or (island_of(problem.sets, problem.names, everything),)
     return [(island, np.unique(blocks[island.rows])) for island in apart]
-
-
-def _strikes(problem: ContactProblem, e: Array) -> NDArray[np.bool_]:
-    """Mask of the contacts that approach and have restitution."""
-    slow = _NONE * float(np.abs(problem.g).max(initial=0.0))
-    return np.asarray((problem.g[problem.sets.normals] < -slow) & (e > 0))
 
 
 def _at_once(problem: ContactProblem, e: Array) -> tuple[str, ...]:
@@ -322,19 +315,14 @@ def _is_newtons(problem: ContactProblem, e: Array) -> bool:
     return bool(abs(turns) <= _APART * size * (x * x + y * y))
 
 
-def _repeated(problem: ContactProblem, e: Array, end: End, pieces: int) -> tuple[Array, float]:
-    """Return impulses with which nothing approaches any more, all that touch striking at once."""
-    return _until_apart(problem, e, end, pieces, everything=True)
-
-
-def _chained(problem: ContactProblem, e: Array, pieces: int) -> tuple[Array, float]:
-    """Return impulses of repeated strikes of what approaches; contacts without restitution hold."""
-    return _until_apart(problem, e, "stronge", pieces, everything=False)
-
-
 def _until_apart(
-    problem: ContactProblem, e: Array, end: End, pieces: int, *, everything: bool
+    problem: ContactProblem, e: Array, end: End, pieces: int, *, chain: bool = False
 ) -> tuple[Array, float]:
+    """Impulses with which nothing approaches any more, of repeated strikes.
+
+    All that touch strike at once, or in a `chain` those that approach; contacts without restitution
+    hold.
+    """
     n, worst, lam = problem.sets.normals, 0.0, np.zeros(problem.rows)
     small = _NONE * float(np.abs(problem.g).max(initial=0.0))
     for _ in range(_PASSES):
@@ -342,9 +330,9 @@ def _until_apart(
         hits = left.g[n] < -small
         if not hits.any():
             return lam, worst
-        those = np.flatnonzero(np.ones_like(hits) if everything else hits | (e == 0))
+        those = np.flatnonzero(hits | (e == 0) if chain else np.ones_like(hits))
         island = island_of(left.sets, left.names, those)
-        found, missed = _once(island.problem(left), e[those], end, pieces)
+        found, missed = _struck(island.problem(left), e[those], end, pieces)
         lam[island.rows] += found
         worst = max(worst, missed)
     left = problem.replaced(g=problem.velocities(lam))
@@ -352,16 +340,11 @@ def _until_apart(
     return lam + found, max(worst, missed)
 
 
-def _once(problem: ContactProblem, e: Array, end: End, pieces: int) -> tuple[Array, float]:
-    """Return the impulses of contacts that strike once."""
+def _struck(problem: ContactProblem, e: Array, end: End, pieces: int) -> tuple[Array, float]:
+    """Impulses of contacts that strike once: one along its path, several in two phases."""
     if len(problem.friction) == 1 and not problem.half_lines:
         mu = float(problem.friction[0])
         return normal_path(problem.G, problem.g, mu, float(e[0]), end), 0.0
-    return _phases(problem, e, end, pieces)
-
-
-def _phases(problem: ContactProblem, e: Array, end: End, pieces: int) -> tuple[Array, float]:
-    """Return the impulses of compression and expansion."""
     comp, taken_n, missed = _compressed(problem, pieces)
     n = problem.sets.normals
     push, after = e * comp[n], problem.replaced(g=problem.velocities(comp))

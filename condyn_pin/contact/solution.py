@@ -43,7 +43,7 @@ class ContactStatus(Enum):
     INFEASIBLE = (
         "no impulse can keep the contacts apart, as they are asked to: they press on what cannot "
         "move; look at bodies that are fixed, at the gaps of contacts between them, and at the "
-        "velocities that the scheme asks for"
+        "velocities that the scheme prescribes"
     )
     NOT_FINITE = f"{_NOT_FINITE}; {_NEWTON}, or in other units"
     OUT_OF_BUDGET = f"{_STOPPED}: raise it, ADMM(budget=1000); {_LOCKED}"
@@ -100,7 +100,7 @@ class ContactSolution:
         Contacts that no impulse can meet together, if the status is infeasible.
     several : tuple of Indeterminacy
         Contacts whose velocities Coulomb's law does not determine: `lam` is then chosen by the rule
-        of contacts that give way alike, in the limit of hard ones.
+        of equally compliant contacts, in the limit of rigid ones.
     """
 
     lam: Array  # [N s]
@@ -210,10 +210,10 @@ class ContactSolution:
         return "\n".join(lines)
 
 
-# Redundant contacts that are asked for velocities which no rigid body can have.
+# Redundant contacts with prescribed velocities that no rigid body can have.
 #
 # Where impulses z do nothing, G z = 0, they see nothing either: z . sigma = z . g, whatever lam is.
-# A scheme that closes the gaps of two points of one body in the same step asks them to approach
+# A scheme that closes the gaps of two points of one body in the same step makes them approach
 # each other by gap^2 / (L dt), which a rigid body does not. They would have to slide by that, under
 # inner forces that grow up to friction; no solver finds them where it is 1e-8 of the other
 # velocities.

@@ -10,4 +10,7 @@ It must not know simulations.
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+from condyn_pin._core import forward
+
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__ = forward(__name__, _public, {"Give": "control.Relaxation"})

@@ -7,7 +7,7 @@ from .answer import Contradiction as Contradiction
 from .answer import ControlAnswer as ControlAnswer
 from .answer import ControlResiduals as ControlResiduals
 from .answer import ControlStatus as ControlStatus
-from .answer import Give as Give
+from .answer import Relaxation as Relaxation
 from .balancing import Balance as Balance
 from .balancing import PushBound as PushBound
 from .balancing import balance as balance

@@ -74,7 +74,7 @@ class ControlResiduals(NamedTuple):
     constraints: float  # [m/s^2, rad/s^2]
 
 
-class Give(NamedTuple):
+class Relaxation(NamedTuple):
     """Least relaxation of a row.
 
     Attributes
@@ -95,14 +95,14 @@ class Contradiction(NamedTuple):
 
     Attributes
     ----------
-    gives : tuple of Give
+    gives : tuple of Relaxation
         What would make the program feasible, the most first: wishes (tasks of infinite weight) give
         before limits of joints, these before those of motors, and cones last.
     against : tuple of str
         The rows that stand against them, the one with the highest price first.
     """
 
-    gives: tuple[Give, ...]
+    gives: tuple[Relaxation, ...]
     against: tuple[str, ...]
 
     def __str__(self) -> str:
@@ -353,7 +353,7 @@ def _contradiction(
     gives_by = np.concatenate((found.of_equations, found.of_inequalities))
     prices = np.concatenate((found.against_equations, found.against_inequalities))
     gives = tuple(
-        Give(rows[i].name, float(gives_by[i]) * rows[i].scale, rows[i].unit)
+        Relaxation(rows[i].name, float(gives_by[i]) * rows[i].scale, rows[i].unit)
         for i in np.argsort(-gives_by, kind="stable").tolist()
         if gives_by[i] > tolerances.GIVES
     )

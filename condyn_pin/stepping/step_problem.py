@@ -30,7 +30,7 @@ from condyn_pin.contact.problem import (
 )
 from condyn_pin.contact.restitution import Strike
 from condyn_pin.contact.solution import drop_inconsistent_rows
-from condyn_pin.contact.solvers.base import Attempt, ContactSolver
+from condyn_pin.contact.solvers.base import ContactSolver, SolverResult
 from condyn_pin.simulation.integrators.contact_scheme import (
     AT_REST,
     ContactScheme,
@@ -410,7 +410,7 @@ class StepAttempt(NamedTuple):
 
     posed: StepProblem
     v: Array  # (nv,), the velocity after it, in the axes of `posed` [m/s, rad/s]
-    attempt: Attempt
+    attempt: SolverResult
     natural: float  # residual of the contact problem
 
     def is_answer_of(self, solver: ContactSolver) -> bool:
@@ -425,7 +425,7 @@ class AcceptedStep(NamedTuple):
 
     posed: StepProblem
     v: Array
-    attempt: Attempt
+    attempt: SolverResult
     natural: float
     work: ContactWork
     tried: tuple[StepAttempt, ...]  # what it came from, in turn, and itself
@@ -488,7 +488,7 @@ def answered(posed: StepProblem, solver: ContactSolver) -> StepAttempt:
     return _with(posed, found, natural)
 
 
-def _with(posed: StepProblem, found: Attempt, natural: float) -> StepAttempt:
+def _with(posed: StepProblem, found: SolverResult, natural: float) -> StepAttempt:
     if posed.strike is not None and not posed.strike.natural <= natural:
         natural = posed.strike.natural
     return StepAttempt(posed, posed.velocity(found.lam), found, natural)

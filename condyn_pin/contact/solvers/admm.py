@@ -9,7 +9,7 @@ from typing import ClassVar
 from condyn_pin._core.arguments import Grid, check_accuracy, check_count, check_iterations
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.solvers.base import BUDGET, Attempt, ContactSolver
+from condyn_pin.contact.solvers.base import BUDGET, ContactSolver, SolverResult
 from condyn_pin.contact.solvers.newton import fewer, of_first_order, refine, restarts, sticking
 from condyn_pin.contact.solvers.pgs import accelerated, directions
 
@@ -88,19 +88,19 @@ class ADMM(ContactSolver):
         check_count("anderson", self.anderson, least=0)
         check_count("budget", self.budget)
 
-    def at_once(self, problem: ContactProblem) -> Attempt | None:
+    def at_once(self, problem: ContactProblem) -> SolverResult | None:
         """Return the answer if no contact slides."""
         lam = None if self.polish else sticking(problem)
-        return None if lam is None else Attempt(lam, 1, ("sticking",))
+        return None if lam is None else SolverResult(lam, 1, ("sticking",))
 
-    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
+    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> SolverResult:
         """Return the impulses of alternating directions, polished by Newton if `polish` is set."""
         found = self._run(problem, guess, self.anderson)
         if found is None:
             return refine(problem, guess, RESCUE)
         return refine(problem, found.lam, POLISH).after(found) if self.polish else found
 
-    def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
+    def alternatives(self, problem: ContactProblem, found: SolverResult) -> Iterator[SolverResult]:
         """Yield what Newton and another run of ADMM find, and Newton from other starts."""
         if self.title in found.path:
             lam = found.lam
@@ -114,7 +114,7 @@ class ADMM(ContactSolver):
                 yield found
         yield from restarts(problem, found, RESCUE, self.budget)
 
-    def _again(self, problem: ContactProblem, lam: Array) -> Attempt | None:
+    def _again(self, problem: ContactProblem, lam: Array) -> SolverResult | None:
         """Return a run without acceleration, or where there was none a longer one from lam."""
         if not accelerated(problem):
             longer = replace(self, max_iterations=_LONGER * self.max_iterations)
@@ -122,7 +122,9 @@ class ADMM(ContactSolver):
         again = self._run(problem, None, 0) if self.anderson else None
         return again and again._replace(path=("ADMM without Anderson",))
 
-    def _run(self, problem: ContactProblem, guess: Array | None, anderson: int) -> Attempt | None:
+    def _run(
+        self, problem: ContactProblem, guess: Array | None, anderson: int
+    ) -> SolverResult | None:
         found = directions(
             problem, guess,
             tolerance=self.tolerance, max_iterations=self.max_iterations, anderson=anderson,

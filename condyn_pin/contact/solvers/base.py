@@ -4,15 +4,15 @@
    fields are its parameters, each with a default, a unit, and in the docstring its reason.
 2. Set `title`, `cost`, `use` (when to take it), and `laws`, those that it solves. The class
    registers itself under its lower-case name in `CONTACT_SOLVERS`.
-3. Write `attempt(problem, guess)`. It returns an `Attempt`: impulses, iterations, and which methods
-   had a part. It need not check whether it succeeded: `solve_contact` proves every answer, by the
-   same formulas. What cannot be answered is returned as the best that was found. One that is not
-   `exact` says whether it `answered` its own problem: residuals cannot tell. NaN may come out, and
-   becomes a status.
+3. Write `attempt(problem, guess)`. It returns a `SolverResult`: impulses, iterations, and which
+   methods had a part. It need not check whether it succeeded: `solve_contact` proves every answer,
+   by the same formulas. What cannot be answered is returned as the best that was found. One that
+   is not `exact` has `answered`, whether it solved its own problem: residuals cannot tell. NaN may
+   come out, and becomes a status.
 4. A method that sometimes fails yields from `alternatives` what else is to be tried, in this order.
-   The judge asks for the next one while the natural residual is too large and the `budget` lasts:
-   each attempt adds its `cost` to that of those before. One that has a guess at most problems for
-   next to nothing returns it from `at_once`, which is asked first.
+   The next one is tried while the natural residual is too large and the `budget` lasts: each
+   attempt adds its `cost` to that of those before. One that has a guess at most problems for next
+   to nothing returns it from `at_once`, which comes first.
 5. It is handed any scale: take the problem from `normalised` where tolerances are absolute.
 6. It reads nothing that an earlier call left behind: the same problem and guess give the same bits.
 7. Sources: cite the paper in the docstring.
@@ -44,7 +44,7 @@ FACTORISED, FIRST_ORDER, PIVOTS = 10, 1000, 30
 BUDGET: Final = 100
 
 
-class Attempt(NamedTuple):
+class SolverResult(NamedTuple):
     """Impulses of a contact solver, not yet verified.
 
     Attributes
@@ -72,7 +72,7 @@ class Attempt(NamedTuple):
     cost: float = 0.0  # [ordinary solves]
     stopped: bool = False  # whether the budget ended the search
 
-    def after(self, before: Attempt) -> Attempt:
+    def after(self, before: SolverResult) -> SolverResult:
         """Return these impulses, with the iterations, methods and cost of what came `before`."""
         goes_on = before.path[-1:] == self.path[:1]
         path = (*before.path, *(self.path[1:] if goes_on else self.path))
@@ -101,14 +101,14 @@ class ContactSolver(ABC):
             enter(CONTACT_SOLVERS, name, cls, f"a contact solver named {cls.__name__}")
 
     @abstractmethod
-    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
+    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> SolverResult:
         """Return impulses (m,) of a `problem`; `guess` is where to begin."""
 
-    def at_once(self, problem: ContactProblem) -> Attempt | None:
+    def at_once(self, problem: ContactProblem) -> SolverResult | None:
         """Return impulses of a `problem` that cost little and are often right; None without any."""
         return None
 
-    def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
+    def alternatives(self, problem: ContactProblem, found: SolverResult) -> Iterator[SolverResult]:
         """Yield other attempts at a `problem` than `found`.
 
         Each counts the iterations and names the methods of those before it.

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import inf
-from typing import ClassVar, Final, NamedTuple
+from typing import ClassVar, Final
 
 import numpy as np
 
 from condyn_pin._core.arguments import Grid, check_count, check_iterations
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.contact.problem import ContactProblem, Law, normalised
-from condyn_pin.contact.solvers.base import PIVOTS, Attempt, ContactSolver
+from condyn_pin.contact.solvers.base import PIVOTS, ContactSolver, SolverResult
 from condyn_pin.errors import InvalidArgument
 
 # Slips below this share of what friction would move things by are none.
@@ -74,12 +74,12 @@ class Lemke(ContactSolver):
             )
         check_iterations(self.max_iterations)
 
-    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
+    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> SolverResult:
         """Return the polygon's answer, or the nearest to one; the guess is not used."""
         return _pivoted(problem, _regular(problem, self.sides), self.max_iterations)
 
 
-def turned(problem: ContactProblem, lam: Array, width: float, sides: int) -> Attempt:
+def turned(problem: ContactProblem, lam: Array, width: float, sides: int) -> SolverResult:
     """Return the answer of polygons with more corners where contacts slide at impulses `lam`.
 
     Along such a corner a polygon has the friction of the circle. Where friction locks bodies or is
@@ -113,13 +113,13 @@ def _regular(problem: ContactProblem, sides: int) -> Array:
     return np.tile(2 * np.pi * np.arange(sides) / sides, (len(problem.friction), 1))
 
 
-def _pivoted(problem: ContactProblem, angles: Array, max_iterations: int) -> Attempt:
+def _pivoted(problem: ContactProblem, angles: Array, max_iterations: int) -> SolverResult:
     """Return the answer of the polygons with corners at `angles` (k, sides)."""
     small, unit = normalised(problem)
     B, A, b = _linear(small, angles)
-    end = lemke(A, b, max_iterations)
-    lam = np.asarray(B @ end.z[: B.shape[1]]) * unit
-    return Attempt(lam, end.pivots, (Lemke.title,), end.answered, cost=end.pivots / PIVOTS)
+    z, pivots, answered = lemke(A, b, max_iterations)
+    lam = np.asarray(B @ z[: B.shape[1]]) * unit
+    return SolverResult(lam, pivots, (Lemke.title,), answered, cost=pivots / PIVOTS)
 
 
 def _linear(problem: ContactProblem, angles: Array) -> tuple[Array, Array, Array]:
@@ -184,16 +184,10 @@ _ANSWERED: Final = 1e-8
 _PATHS: Final = tuple(np.sqrt((1.25, 2.0, 3.0)) % 1)
 
 
-class Complementary(NamedTuple):
-    """The end of the pivots."""
-
-    z: Array  # (n,), >= 0 and finite where A and b are
-    pivots: int
-    answered: bool  # whether z is an answer
-
-
-def lemke(A: Array, b: Array, max_pivots: int) -> Complementary:
+def lemke(A: Array, b: Array, max_pivots: int) -> tuple[Array, int, bool]:
     """Return z >= 0 with w = A z + b >= 0 and w . z = 0, or the nearest that was found.
+
+    With the pivots, and whether z is an answer.
 
     Parameters
     ----------
@@ -217,7 +211,7 @@ def lemke(A: Array, b: Array, max_pivots: int) -> Complementary:
         pivots += taken
         if missed < least:
             best, least = z, missed
-    return Complementary(best, pivots, least <= _ANSWERED)
+    return best, pivots, least <= _ANSWERED
 
 
 def _missed(A: Array, b: Array, z: Array) -> float:

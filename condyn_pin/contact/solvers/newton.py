@@ -21,8 +21,8 @@ from condyn_pin.contact.solvers.base import (
     FACTORISED,
     FIRST_ORDER,
     PIVOTS,
-    Attempt,
     ContactSolver,
+    SolverResult,
 )
 from condyn_pin.contact.solvers.lemke import Lemke, turned
 from condyn_pin.contact.solvers.pgs import PGS, directions, factor_of
@@ -110,7 +110,7 @@ class SemismoothNewton(ContactSolver):
         check_iterations(self.max_iterations)
         check_count("budget", self.budget)
 
-    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
+    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> SolverResult:
         """Return the end of Newton's method from `guess`, from ADMM, or from no impulses."""
         near = None
         if guess is None and problem.rows >= MANY:
@@ -120,39 +120,39 @@ class SemismoothNewton(ContactSolver):
         steps = min(self.max_iterations, BRIEF)
         return refine(problem, near[0], steps).after(of_first_order(*near, "ADMM"))
 
-    def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
+    def alternatives(self, problem: ContactProblem, found: SolverResult) -> Iterator[SolverResult]:
         """Yield the ends from other starts."""
         for found in fewer(problem, found, self.max_iterations, self.budget):  # noqa: B020
             yield found
         yield from restarts(problem, found, self.max_iterations, self.budget)
 
 
-def refine(problem: ContactProblem, start: Array | None, max_iterations: int) -> Attempt:
+def refine(problem: ContactProblem, start: Array | None, max_iterations: int) -> SolverResult:
     """Return the end of Newton's method from a start that is finite, or from no impulses."""
     small, unit = normalised(problem)
     begin = np.zeros(problem.rows)
     if start is not None and np.isfinite(start).all():
         begin = np.asarray(start / unit)
-    end = newton(small, begin, max_iterations)
-    return factorised(end.lam * unit, end.iterations, SemismoothNewton.title)
+    lam, steps = newton(small, begin, max_iterations)
+    return factorised(lam * unit, steps, SemismoothNewton.title)
 
 
-def factorised(lam: Array, steps: int, title: str) -> Attempt:
+def factorised(lam: Array, steps: int, title: str) -> SolverResult:
     """Return impulses found by steps with a factorisation each."""
-    return Attempt(lam, steps, (title,), cost=steps / FACTORISED)
+    return SolverResult(lam, steps, (title,), cost=steps / FACTORISED)
 
 
-def of_first_order(lam: Array, iterations: int, title: str) -> Attempt:
+def of_first_order(lam: Array, iterations: int, title: str) -> SolverResult:
     """Return impulses found by iterations of first order."""
-    return Attempt(lam, iterations, (title,), cost=iterations / FIRST_ORDER)
+    return SolverResult(lam, iterations, (title,), cost=iterations / FIRST_ORDER)
 
 
 def fewer(
-    problem: ContactProblem, found: Attempt, max_iterations: int, budget: float
-) -> Iterator[Attempt]:
+    problem: ContactProblem, found: SolverResult, max_iterations: int, budget: float
+) -> Iterator[SolverResult]:
     """Yield what some of many contacts answer, and those that go through their answer."""
 
-    def solve(part: ContactProblem, guess: Array) -> Attempt:
+    def solve(part: ContactProblem, guess: Array) -> SolverResult:
         end, left = refine(part, guess, max_iterations), budget - found.cost
         for other in restarts(part, end, max_iterations, left):
             if natural_residual(part, end.lam) <= tolerances.FINEST or end.cost >= left:
@@ -166,15 +166,15 @@ def fewer(
 
 
 def restarts(
-    problem: ContactProblem, found: Attempt, max_iterations: int, budget: float
-) -> Iterator[Attempt]:
+    problem: ContactProblem, found: SolverResult, max_iterations: int, budget: float
+) -> Iterator[SolverResult]:
     """Yield the ends of Newton's method from other starts, the cheapest first.
 
     None of them begins, or goes on, where all together have cost the budget.
     """
     small, unit = normalised(problem)
     if not np.isfinite(np.concatenate((small.G.ravel(), small.g, small.friction))).all():
-        yield Attempt(np.zeros(problem.rows), 0, ()).after(found)  # nobody answers that
+        yield SolverResult(np.zeros(problem.rows), 0, ()).after(found)  # nobody answers that
         return
     cheap = len(problem.friction) * _SIDES[0] <= _LARGEST
     if problem.law == "ncp":
@@ -204,7 +204,7 @@ def restarts(
         yield from _polygons(problem, found, max_iterations, budget)
 
 
-def _gauss_seidel(problem: ContactProblem, left: float) -> Attempt | None:
+def _gauss_seidel(problem: ContactProblem, left: float) -> SolverResult | None:
     """Return the impulses of `PGS`, or None where Pinocchio has none."""
     if problem.law != "ncp" or not _pin.solves_contacts(True, len(problem.limits)):
         return None
@@ -212,7 +212,7 @@ def _gauss_seidel(problem: ContactProblem, left: float) -> Attempt | None:
     return of_first_order(found.lam, found.iterations, PGS.title)
 
 
-def _long_directions(problem: ContactProblem, left: float) -> Attempt | None:
+def _long_directions(problem: ContactProblem, left: float) -> SolverResult | None:
     """Return the impulses of ADMM after many iterations, or None where Pinocchio has none."""
     if not _pin.solves_contacts(problem.law == "ncp", len(problem.limits)):
         return None
@@ -221,7 +221,7 @@ def _long_directions(problem: ContactProblem, left: float) -> Attempt | None:
     return None if long is None else of_first_order(*long, "ADMM for longer")
 
 
-def _convex_problems(problem: ContactProblem, left: float) -> Attempt | None:
+def _convex_problems(problem: ContactProblem, left: float) -> SolverResult | None:
     """Return the impulses of convex problems with known slips, by Cadoux' iteration."""
     if problem.law != "ncp":
         return None
@@ -236,8 +236,8 @@ def _at_most(affordable: float, most: int) -> int:
 
 
 def _polygons(
-    problem: ContactProblem, found: Attempt, max_iterations: int, budget: float
-) -> Iterator[Attempt]:
+    problem: ContactProblem, found: SolverResult, max_iterations: int, budget: float
+) -> Iterator[SolverResult]:
     """Yield the ends of Newton's method from the answers of polygons, regular and turned."""
     for sides in _SIDES:
         most = _at_most(PIVOTS * (budget - found.cost), Lemke.max_iterations)
@@ -255,11 +255,11 @@ def _proximal(problem: ContactProblem, max_iterations: int) -> Iterator[tuple[Ar
     lam, R, one = np.zeros(problem.rows), _SOFTEST, np.eye(problem.rows)
     for _ in range(_PROXIMAL):
         softer = problem.replaced(G=problem.G + R * one, g=problem.g - R * lam)
-        end = newton(softer, lam, max_iterations)
-        solved = natural_residual(softer, end.lam) <= tolerances.CONTACT_SOLVED
+        reached, steps = newton(softer, lam, max_iterations)
+        solved = natural_residual(softer, reached) <= tolerances.CONTACT_SOLVED
         R = max(R * _HARDER, _HARDEST) if solved else R / _HARDER
-        lam = end.lam if solved else lam
-        yield lam, end.iterations
+        lam = reached if solved else lam
+        yield lam, steps
 
 
 def _fixed_point(problem: ContactProblem, max_iterations: int, most: int) -> tuple[Array, int]:
@@ -270,8 +270,8 @@ def _fixed_point(problem: ContactProblem, max_iterations: int, most: int) -> tup
         g = problem.g.copy()
         g[2 : cones.stop : 3] += problem.friction * slips
         convex = problem.replaced(g=g, law="ccp")
-        end = newton(convex, lam, max_iterations)
-        lam, iterations = end.lam, iterations + end.iterations
+        lam, steps = newton(convex, lam, max_iterations)
+        iterations += steps
         S = problem.velocities(lam)[cones].reshape(-1, 3)
         before, slips = slips, np.hypot(S[:, 0], S[:, 1])
         if iterations >= most or not np.abs(slips - before).max(initial=0.0) > _SAME:
@@ -310,19 +310,13 @@ _ALONG: Final = 0.5
 _BEHIND: Final = 1e-3
 
 
-class End(NamedTuple):
-    """Impulses and iterations at the end of Newton's method."""
-
-    lam: Array
-    iterations: int
-
-
-def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> End:
-    """Return the end of Newton's method on a normalised problem."""
+def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> tuple[Array, int]:
+    """Impulses and steps at the end of Newton's method on a normalised problem."""
     steps, slips, point = 0, 0, _natural_map(problem, lam)
     best, least = lam, point.size
     while steps < max_iterations and isfinite(point.size):
-        if point.largest <= _ROUNDING * max(1.0, float(np.abs(lam).max(initial=0.0))):
+        largest, size = (float(np.abs(each).max(initial=0.0)) for each in (point.F, lam))
+        if largest <= _ROUNDING * max(1.0, size):
             break
         D = _derivative(problem, point)
         step = _smallest_step(D, point.F)
@@ -338,7 +332,7 @@ def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> End:
         lam, point = moved
         if point.size < least:
             best, least = lam, point.size
-    return End(best, steps)
+    return best, steps
 
 
 class _Point(NamedTuple):
@@ -346,10 +340,6 @@ class _Point(NamedTuple):
     x: Array  # (m,) lam - d, which is projected
     sigma: Array  # (m,)
     size: float  # |F|
-
-    @property
-    def largest(self) -> float:
-        return float(np.abs(self.F).max(initial=0.0))
 
 
 def _smallest_step(D: Array, F: Array) -> Array | None:
@@ -511,8 +501,8 @@ def _convex(problem: ContactProblem, lam: Array, most: int) -> tuple[Array, int]
 #
 # Of hundreds of points below a plate that is not quite flat, few carry it. Where lam_i = 0 and
 # sigma_n >= 0 the law is met: an answer for some contacts is one for all if the others part by
-# themselves, and if not, those that do not are asked as well. What does not press is left out
-# again, once for each contact, so that it ends.
+# themselves, and if not, those that do not are added. What does not press is left out again, once
+# for each contact, so that it ends.
 
 
 # Share of a problem's contacts from which fewer are no fewer.
@@ -521,10 +511,10 @@ _MOST: Final = 0.9
 # Rank of G, as a share of its rows, of contacts that few bodies have among them.
 _FEW: Final = 0.1
 
-Solve = Callable[[ContactProblem, Array], Attempt]
+Solve = Callable[[ContactProblem, Array], SolverResult]
 
 
-def solve_active_subset(problem: ContactProblem, solve: Solve) -> Iterator[Attempt]:
+def solve_active_subset(problem: ContactProblem, solve: Solve) -> Iterator[SolverResult]:
     """Yield impulses (m,) that those of some contacts are, and what they took.
 
     None where bodies are not few, by the rank of G.
@@ -533,7 +523,7 @@ def solve_active_subset(problem: ContactProblem, solve: Solve) -> Iterator[Attem
     ----------
     problem : ContactProblem
         The contact problem.
-    solve : (problem, guess) -> Attempt
+    solve : (problem, guess) -> SolverResult
         What solves the smaller ones.
     """
     normals, (_, speed) = problem.sets.normals, problem.scale
@@ -592,7 +582,9 @@ def sticking(problem: ContactProblem) -> Array | None:
     -----
     Cost O(m^3), a Cholesky factorisation; 6 us for four contacts.
     """
-    closing = _closing(problem)
+    g, (_, lines, _) = problem.g.tolist(), problem.sets.parts
+    closing = [speed < 0 for speed in g[2 : lines.start : 3] + g[lines]]
+    closing += len(problem.limits) * [True]
     if not any(closing):
         return np.zeros(problem.rows)
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
@@ -607,29 +599,18 @@ def sticking(problem: ContactProblem) -> Array | None:
     return lam
 
 
-def _closing(problem: ContactProblem) -> list[bool]:
-    """Mask of the contacts that close without impulses; dry friction counts as one."""
-    g, (_, lines, _) = problem.g.tolist(), problem.sets.parts
-    closing = [speed < 0 for speed in g[2 : lines.start : 3] + g[lines]]
-    return closing + len(problem.limits) * [True]
-
-
 def _solved(G: Array, g: Array) -> Array | None:
     """Return the smallest solution of G lam = -g, None where a row moves nothing."""
     factor, lam, info = dposv(G, -g, overwrite_b=1)
-    if not info and not _is_redundant(factor):
-        return np.asarray(lam)
+    if not info:
+        pivots = factor.diagonal().tolist()
+        if min(pivots) > _APART * max(pivots):
+            return np.asarray(lam)
     more = G * _heavier(len(g))
     factor, lam, info = dposv(more.T, -g, overwrite_a=1, overwrite_b=1)  # more.T: no copy
     if info:
         return None
     return np.asarray(lam - dpotrs(factor, G.dot(lam) + g)[0])
-
-
-def _is_redundant(factor: Array) -> bool:
-    """True if rows of G, factorised, are combinations of others but for a small share."""
-    pivots = factor.diagonal().tolist()
-    return not min(pivots) > _APART * max(pivots)
 
 
 @lru_cache(maxsize=16)

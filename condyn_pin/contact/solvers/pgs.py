@@ -14,7 +14,7 @@ from condyn_pin._core import _pin
 from condyn_pin._core.arguments import Grid, check_accuracy, check_iterations
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.contact.problem import ContactProblem, Law, normalised, padded
-from condyn_pin.contact.solvers.base import Attempt, ContactSolver
+from condyn_pin.contact.solvers.base import ContactSolver, SolverResult
 from condyn_pin.errors import InvalidArgument, UnsupportedBackend
 
 # Of the largest over-relaxation that a tangential block allows; at 1 it only just converges.
@@ -75,7 +75,7 @@ class PGS(ContactSolver):
         ):
             raise InvalidArgument(f"over_relaxation = {self.over_relaxation!r}: a number > 0")
 
-    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
+    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> SolverResult:
         """Return the impulses after the last sweep, from `guess` or from none."""
         if not _pin.solves_contacts(True, len(problem.limits)):
             raise UnsupportedBackend(
@@ -85,18 +85,20 @@ class PGS(ContactSolver):
         rows = padded(small)
         relaxation = self._relaxation(rows.G, problem)
         if not relaxation > 0:  # nothing moves a contact along t1 or t2, by which it divides
-            return Attempt(np.zeros(problem.rows), 0, (self.title,))
+            return SolverResult(np.zeros(problem.rows), 0, (self.title,))
         found = _pin.pgs(
             rows.G, rows.g, rows.friction, rows.limits,
             tolerance=self.tolerance, max_iterations=self.max_iterations,
             over_relaxation=relaxation,
             guess=rows.spread(None if guess is None else guess / unit),
         )  # fmt: skip
-        return Attempt(found.lam[rows.kept] * unit, found.iterations, (self.title,))
+        return SolverResult(found.lam[rows.kept] * unit, found.iterations, (self.title,))
 
     def _relaxation(self, G: Array, problem: ContactProblem) -> float:
-        """Return omega, or refuse one that never ends."""
-        bounds = _bounds(G, len(problem.friction))
+        """Over-relaxation omega, below 2 min(G_11, G_22) / max eig G_tt of each contact."""
+        t1 = 3 * np.arange(len(problem.friction))
+        a, b, c = G[t1, t1], G[t1 + 1, t1 + 1], G[t1, t1 + 1]
+        bounds = 4 * np.minimum(a, b) / (a + b + np.hypot(a - b, 2 * c))
         least = float(bounds.min(initial=2.0))
         if self.over_relaxation is None:
             return min(1.0, _SAFE * least)
@@ -107,13 +109,6 @@ class PGS(ContactSolver):
                 "how its mass differs along t1 and t2"
             )
         return self.over_relaxation
-
-
-def _bounds(G: Array, cones: int) -> Array:
-    """Return 2 min(G_11, G_22) over the largest eigenvalue of the tangential blocks (k,)."""
-    t1 = 3 * np.arange(cones)
-    a, b, c = G[t1, t1], G[t1 + 1, t1 + 1], G[t1, t1 + 1]
-    return np.asarray(4 * np.minimum(a, b) / (a + b + np.hypot(a - b, 2 * c)))
 
 
 # Alternating directions: Pinocchio's, or by products where contacts are many and bodies few.
@@ -244,7 +239,7 @@ def alternate(
     best, least, rho = start, _missed(problem, X, start), _RHO
     y, z, solve = start, problem.dual(problem.velocities(start)), _inverse(X, rho)
     for k in range(1, max_iterations + 1):
-        x = solve(rho * y + z - _slipping(problem, z))
+        x = solve(rho * y + z - (problem.g + (problem.dual(z) - z)))
         beyond = _BEYOND * x + (1 - _BEYOND) * y
         before, y = y, problem.sets.project(beyond - z / rho)
         z = z - rho * (beyond - y)
@@ -272,11 +267,6 @@ def _missed(problem: ContactProblem, X: Array, lam: Array) -> float:
     """Return the natural residual, which in a normalised problem is up to twice this."""
     x = lam - problem.dual(problem.g + (X @ lam) @ X)
     return float(np.abs(lam - problem.sets.project(x)).max())
-
-
-def _slipping(problem: ContactProblem, z: Array) -> Array:
-    """Return g + s."""
-    return problem.g + (problem.dual(z) - z)
 
 
 def _size(x: Array) -> float:

@@ -12,7 +12,7 @@ import numpy as np
 from condyn_pin._core.arguments import check_iterations
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem, ContactSets, Law
-from condyn_pin.contact.solvers.base import Attempt, ContactSolver
+from condyn_pin.contact.solvers.base import ContactSolver, SolverResult
 from condyn_pin.errors import InvalidArgument
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -70,7 +70,7 @@ class SAP(ContactSolver):
     def __post_init__(self) -> None:
         check_iterations(self.max_iterations)
 
-    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
+    def attempt(self, problem: ContactProblem, guess: Array | None = None) -> SolverResult:
         """Return the minimum, from `guess` or from no impulses."""
         at = _Function(problem)
         x = np.zeros(problem.rows) if guess is None else np.array(guess)
@@ -85,9 +85,9 @@ class SAP(ContactSolver):
             except np.linalg.LinAlgError:  # R is below the rounding of G: 1 + W G is W G
                 break
             x = x + at.exact_step(x, dx) * dx
-        return Attempt(lam, steps, (self.title,))
+        return SolverResult(lam, steps, (self.title,))
 
-    def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
+    def alternatives(self, problem: ContactProblem, found: SolverResult) -> Iterator[SolverResult]:
         """Yield the minimum by way of softer problems."""
         stiff, _ = problem.scale
         R, start = _Function(problem).R, None

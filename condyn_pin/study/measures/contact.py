@@ -18,7 +18,7 @@ from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.solution import ContactSolution
 from condyn_pin.contact.solvers import CONTACT_SOLVERS, ContactSolver
-from condyn_pin.contact.solvers.base import Attempt
+from condyn_pin.contact.solvers.base import SolverResult
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -133,7 +133,7 @@ class ContactMeasure(Measure):
         """Return the solve as in a time step, and the one with all seven residuals."""
         solver, goal = workspace.solver, _goal(workspace.solver)
 
-        def once(q: Array, v: Array, tau: Array) -> tuple[Attempt, float]:
+        def once(q: Array, v: Array, tau: Array) -> tuple[SolverResult, float]:
             return attempt_contact(self._posed(workspace, (q, v, tau)), solver, None, goal)
 
         def solve(q: Array, v: Array, tau: Array) -> ContactSolution:
