@@ -29,15 +29,13 @@ from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.errors import unknown_name
 from condyn_pin.io.load import load_robot
-from condyn_pin.mechanism.minimal_scene import answers, compare
+from condyn_pin.mechanism.minimal_scene import answers, compare, time_trials, trial
 from condyn_pin.mechanism.reduction import (
     keep,
     loaded,
     reduced,
     same_motion,
     standing_torque,
-    time_trials,
-    trial,
 )
 from condyn_pin.mechanism.suggestions import merge_points, rods_as_distances, without_linkage
 from condyn_pin.model.smaller import free_flyers

@@ -3,7 +3,7 @@
 Verbs: assemble, sample, project, complete, check, rank, summarise; `reduction` has what may be
 left out of a scene. Nouns: `Assembly`, `Rank`, `Summary`, `CompleteState`, `ReducedScene`.
 
-It asks `dynamics` for the equations, and must not know motions.
+It takes the equations from `dynamics`, and must not know motions.
 """
 
 import lazy_loader

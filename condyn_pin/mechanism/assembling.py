@@ -262,59 +262,39 @@ def assemble_batch(
         raise InvalidArgument(f"angles has shape {goals.shape}: a row for each robot is needed")
     if not scene.nominal.closed:
         scene.state()  # raises what is in the way
-    return _Many(scene, iq, iv, within_limits=within_limits).all(goals)
+    home, chains = nominal_configuration(scene), chains_of(scene)
+    limits = chains.limits if within_limits else NO_LIMITS
+    moving = np.ones(robot.nv, dtype=bool)
+    moving[iv] = False
+    closer = Closer.of(scene, moving, limits)
 
-
-class _Many:
-    """Closes the loops of a scene again and again, with some joints held."""
-
-    def __init__(
-        self,
-        scene: Scene,
-        iq: NDArray[np.int_],
-        iv: NDArray[np.int_],
-        *,
-        within_limits: bool,
-    ) -> None:
-        self._home, self._iq = nominal_configuration(scene), iq
-        self._chains: ClosedChains = chains_of(scene)
-        self._limits = self._chains.limits if within_limits else NO_LIMITS
-        moving = np.ones(scene.robot.nv, dtype=bool)
-        moving[iv] = False
-        self._closer = Closer.of(scene, moving, self._limits)
-
-    def all(self, goals: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the closed configurations of all goals, and the mask of those that closed."""
-        Q = np.zeros((len(goals), len(self._home)))
-        closed = np.zeros(len(goals), dtype=bool)
-        for i, goal in enumerate(goals):
-            Q[i], closed[i] = self._one(goal)
-        return Q, closed
-
-    def _one(self, goal: Array) -> tuple[Array, bool]:
-        best, closed = self._closed_at(self._home, goal)
-        if closed or not np.array_equal(best[self._iq], goal):  # beyond the limits of a motor
-            return best, closed
-        q, start = self._home, self._home[self._iq]
-        for share in np.arange(1, _STEPS + 1) / _STEPS:
-            q, closed = self._closed_at(q, (1 - share) * start + share * goal)
-            if not closed:
-                return best, False
-        return q, True
-
-    def _closed_at(self, start: Array, goal: Array) -> tuple[Array, bool]:
-        """Return the configuration near a start with the motors at a goal, and if it is closed."""
+    def closed_at(start: Array, goal: Array) -> tuple[Array, bool]:
+        """Configuration near a start with the motors at a goal, and whether it is closed."""
         guess = start.copy()
-        guess[self._iq] = goal
-        end, status, _ = best_end(self._chains, self._closer, guess, self._chains.assembly_mode)
-        there = np.array_equal(end.q[self._iq], goal)  # not where a limit wants them
-        return end.q, status.ok and there and not self._limits.beyond(end.q)
+        guess[iq] = goal
+        end, status, _ = best_end(chains, closer, guess, chains.assembly_mode)
+        at_goal = np.array_equal(end.q[iq], goal)  # not at a limit before it
+        return end.q, status.ok and at_goal and not limits.beyond(end.q)
+
+    Q, closed = np.zeros((len(goals), len(home))), np.zeros(len(goals), dtype=bool)
+    for i, goal in enumerate(goals):
+        Q[i], closed[i] = closed_at(home, goal)
+        if closed[i] or not np.array_equal(Q[i, iq], goal):  # beyond the limits of a motor
+            continue
+        q = home
+        for share in np.arange(1, _STEPS + 1) / _STEPS:
+            q, is_closed = closed_at(q, (1 - share) * home[iq] + share * goal)
+            if not is_closed:
+                break
+        else:
+            Q[i], closed[i] = q, True
+    return Q, closed
 
 
 # put_down: a floating robot on the ground that its contacts may touch.
 #
-# x <- x - gap n,    of the ground with the least gap, until it touches x <- x - gap n,    of what a
-# contact is in, until it is in nothing
+#     x <- x - gap n,    of the ground with the least gap, until it touches
+#     x <- x - gap n,    of what a contact is in, until it is in nothing
 
 
 # Shifts until every plane is clear: one for each of those that form a wedge, and some.
@@ -332,7 +312,7 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
     Parameters
     ----------
     scene : Scene
-        With contacts that may let go.
+        With contacts that may open.
     q : (nq,) array_like
         Only the base moves; the joints, and with them the loops, stay as they are.
 
@@ -346,7 +326,7 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
     Raises
     ------
     InvalidArgument
-        If q is no configuration, the contacts of the scene are constraints, which never let go, or
+        If q is no configuration, the contacts of the scene are constraints, which never open, or
         other constraints tie the base to a place.
     """
     check_scene(scene)
@@ -354,7 +334,7 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
     placed = normalised(model, "q", q)
     if not scene.contacts and any(each.presses for each in scene.constraints):
         raise InvalidArgument(
-            "scene: its contacts are held where they are; one with contacts that may let go is "
+            "scene: its contacts are held where they are; one with contacts that may open is "
             "needed, Scene(robot, contacts=robot.frictional_contacts(friction=0.7))"
         )
     candidates = Candidates(model, scene.contact_bounds, exact=True)
@@ -363,9 +343,9 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
     own = _of_the_base(scene)
     down = _shifted(scene, candidates, own, placed, walls=False)[0]
     clear, ends = _shifted(scene, candidates, own, down, walls=True)
-    found = clear if ends else down
-    _check_ties(scene, placed, found)
-    return found
+    on_ground = clear if ends else down
+    _check_ties(scene, placed, on_ground)
+    return on_ground
 
 
 def _shifted(

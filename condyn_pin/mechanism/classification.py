@@ -4,7 +4,7 @@ Classification: what kind of system a scene is, in the words of analytical mecha
 
     holonomic       all rows restrict the position, c(q, t) = 0, or are rates of what does
     scleronomic     time is in none of them; rheonomic if it is
-    bilateral       J v = 0 both ways; unilateral if a contact may let go
+    bilateral       J v = 0 both ways; unilateral if a contact may open
     LICQ            the rows are independent: lam is unique
 
 The index of the equations is how often they have to be differentiated before a and lam can be
@@ -48,7 +48,7 @@ class Classification:
     rheonomic : bool
         Whether time is in some rows: they follow a path.
     unilateral : bool
-        Whether contacts may let go.
+        Whether contacts may open.
     rows, velocity_rows, rank : int
         All rows; those without a position; independent ones.
     """
@@ -73,14 +73,13 @@ class Classification:
         return 2 if self.velocity_rows == self.rows else 3
 
     def __str__(self) -> str:
-        letting_go = "unilateral" if self.unilateral else "bilateral"
         if not self.rows:
-            return f"{letting_go} contacts only" if self.unilateral else "no constraints: an ODE"
+            return "unilateral contacts only" if self.unilateral else "no constraints: an ODE"
         kinds = {True: "holonomic", False: "nonholonomic", None: "holonomic or not: loops are open"}
         words = [
             kinds[self.holonomic],
             "rheonomic" if self.rheonomic else "scleronomic",
-            "bilateral, with unilateral contacts" if self.unilateral else letting_go,
+            "bilateral, with unilateral contacts" if self.unilateral else "bilateral",
             "independent rows (LICQ)" if self.licq else f"rank {self.rank} of {self.rows} rows",
             f"DAE of index {self.index}",
         ]
@@ -188,41 +187,33 @@ def growth_vector(scene: Scene, q: ArrayLike | None = None, *, deepest: int = 4)
     if is_integrable(scene, q_):  # exact, and far cheaper than differences of all brackets
         return (model.nv - allowed.rank,)
     first = [allowed.field(i) for i in allowed.chosen(q_)]
-    level, sizes, spanned = first, [len(first)], _Span(model.nv)
+    level, sizes, basis = first, [len(first)], np.zeros((0, model.nv))
     for X in first:
-        spanned.grows_by(X(q_))
+        basis = _with_vector(basis, X(q_))
     while len(sizes) < deepest and sizes[-1] < allowed.most(q_):
         # a level that brings nothing at a singular place may have brackets that do
         pairs = product(first, level) if len(sizes) > 1 else combinations(first, 2)
         level = [allowed.bracket(X, Y) for X, Y in pairs]
         for Z in level:
-            spanned.grows_by(Z(q_))
-        sizes.append(len(spanned.basis))
+            basis = _with_vector(basis, Z(q_))
+        sizes.append(len(basis))
     while len(sizes) > 1 and sizes[-1] == sizes[-2]:
         sizes.pop()
     return tuple(sizes)
 
 
-class _Span:
-    """A space that grows; `basis` is orthonormal, a vector a row."""
-
-    def __init__(self, n: int) -> None:
-        self.basis = np.zeros((0, n))
-
-    def grows_by(self, z: Array) -> bool:
-        """Add a vector, and return True if it leads out of the space."""
-        out = z - self.basis.T @ (self.basis @ z)
-        size = float(np.linalg.norm(out))
-        if size <= tolerances.GROWN * max(1.0, float(np.linalg.norm(z))):
-            return False
-        self.basis = np.vstack([self.basis, out / size])
-        return True
+def _with_vector(basis: Array, z: Array) -> Array:
+    """Orthonormal basis, a vector a row, of the space with z besides, if z leads out of it."""
+    out = z - basis.T @ (basis @ z)
+    size = float(np.linalg.norm(out))
+    is_in = size <= tolerances.GROWN * max(1.0, float(np.linalg.norm(z)))
+    return basis if is_in else np.vstack([basis, out / size])
 
 
 class _Allowed:
     """The fields of allowed velocities of one scene, X_i(q) = (1 - A^+ A) e_i.
 
-    Brackets of brackets ask for the same fields at the same places again: what is known is kept.
+    Brackets of brackets need the same fields at the same places again: what is known is kept.
     """
 
     def __init__(self, scene: Scene) -> None:

@@ -101,7 +101,9 @@ def _chains(scene: Scene) -> ClosedChains:
     found: list[tuple[MinimumNorm, Array, Indices]] = []
     jacobians = []
     for q in tries:
-        terms = terms_at(scene, equations, q)
+        terms, rounded = equations.terms(q, np.zeros(robot.nv)), by_digits(scene)
+        left = rounded.left_out_by_digits(terms.J) if rounded else None
+        terms = terms if left is None else terms.kept(left)
         jacobians.append(terms.J)
         try:
             factors = factors_at(equations, q, terms)
@@ -142,13 +144,6 @@ def _look_for_digits(scene: Scene, limits: Limits) -> None:
         if end.size <= tolerances.LEAST_PRECISE:
             look_at_digits(scene, closer.equations, end.q)
             break
-
-
-def terms_at(scene: Scene, equations: Equations, q: Array) -> Terms:
-    """Return M, h, J and gamma at rest, without what digits of a file make up."""
-    terms, rounded = equations.terms(q, np.zeros(scene.robot.nv)), by_digits(scene)
-    left = rounded.left_out_by_digits(terms.J) if rounded else None
-    return terms if left is None else terms.kept(left)
 
 
 def _nearby(closer: Closer, guess: Array) -> tuple[bool, list[Array]]:
@@ -236,14 +231,9 @@ def clusters(
         block = np.ix_(own, moved)
         Q = np.linalg.qr(J[block])[0]
         sign = float(np.linalg.slogdet(Q.T @ J[block])[0])
-        sided = all(_spans(Q, other[block]) for other in nearby)
+        norm, least, all_J_D = np.linalg.norm, tolerances.DEAD_POINT, [J[block] for J in nearby]
+        sided = all(norm(J_D - Q @ (Q.T @ J_D)) <= least * norm(J_D) for J_D in all_J_D)
         yield Cluster(name, own, moved, Q, sign, sided)
-
-
-def _spans(Q: Array, J_D: Array) -> bool:
-    """True if the columns of J_D are combinations of those of Q."""
-    left = np.linalg.norm(J_D - Q @ (Q.T @ J_D))
-    return bool(left <= tolerances.DEAD_POINT * np.linalg.norm(J_D))
 
 
 def _groups(

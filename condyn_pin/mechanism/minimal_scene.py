@@ -5,7 +5,7 @@ The smallest scene that still answers the question, found by trying.
 Each simplification is made, the accelerations and forces that are asked for are compared with those
 of the full scene at the states of the question, and it stays if the errors stay within the limit.
 
-What was chosen by a few random states looks better at them than elsewhere. So the result is asked
+What was chosen by a few random states looks better at them than elsewhere. So the result is judged
 again at fresh ones; while the limit does not hold there, the last simplification is undone, and
 what it was in the way of is tried.
 """
@@ -13,9 +13,10 @@ what it was in the way of is tried.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from itertools import cycle
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -25,20 +26,16 @@ from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
-from condyn_pin._core.timing import State
+from condyn_pin._core.timing import Call, State, Times, interleaved
 from condyn_pin.dynamics.at_state import equations_of
-from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven
+from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven, motor_torque
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.reference import Reference
-from condyn_pin.dynamics.workspace import Workspace, default_solver
-from condyn_pin.errors import CondynError, InvalidArgument
+from condyn_pin.dynamics.workspace import Workspace, default_solver, unsupported
+from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled, UnsupportedConstraint
 from condyn_pin.mechanism.reduction import (
     ReducedScene,
-    checked_states,
     reduced,
-    sampled,
-    time_trials,
-    trial,
 )
 from condyn_pin.mechanism.suggestions import Suggestion, suggestions
 from condyn_pin.model.robot import Robot
@@ -236,8 +233,8 @@ def minimal(
     ----------
     scene : Scene
     error : float
-        Largest relative error of accelerations and contact wrench that is allowed
-       . Zero allows only what is exact, to 1e-9.
+        Largest relative error of accelerations and contact wrench that is allowed.
+        Zero allows only what is exact, to 1e-9.
     motion : sequence of (q, v, tau), optional
         Closed states that matter, by which everything is judged. By default random ones, in
         which every joint moves: some to choose by, 50 others to judge by.
@@ -397,3 +394,79 @@ def _times(
     times = time_trials({"before": before, "after": after}, rounds=_ROUNDS)
     first, then = (times[k].median if k in times else math.nan for k in ("before", "after"))
     return (first, then), (before.said, after.said)
+
+
+# The states at which a smaller scene is compared.
+
+
+def sampled(scene: Scene, seed: int, count: int) -> list[State]:
+    """Return random closed states, with torques of the motors."""
+    rng = np.random.default_rng(seed)
+    return [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
+
+
+def checked_states(scene: Scene, motion: Any) -> list[State]:
+    """Return the states of a motion, or raise InvalidArgument or NotAssembled."""
+    if isinstance(motion, str) or not isinstance(motion, Iterable):
+        raise InvalidArgument(f"motion = {motion!r}: a list of (q, v, tau) is needed")
+    check = scene.robot.arguments.check
+    states = []
+    for k, state in enumerate(motion):
+        try:
+            q, v, tau = state
+        except (TypeError, ValueError) as error:
+            raise InvalidArgument(f"motion[{k}]: (q, v, tau) is needed ({error})") from error
+        try:
+            q, v, tau = check(q, v, tau)
+            scene.check(q, v).raise_if_open()
+        except InvalidArgument as error:
+            raise InvalidArgument(f"motion[{k}]: {error}") from error
+        except NotAssembled as error:
+            raise NotAssembled(f"motion[{k}]: {error}", error.assembly) from error
+        states.append((q, v, tau))
+    if not states:
+        raise InvalidArgument("motion: it is empty; one state (q, v, tau) at least is needed")
+    return states
+
+
+# Trials: solvers tried on scenes, and timed beside each other where they say ok.
+
+
+_Key = TypeVar("_Key", bound=Hashable)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A solver tried on a scene: "ok" and the call to time, or the reason for no time.
+
+    The call goes from one state to the next, and does not check its arguments: scenes that are
+    compared do not share their states.
+    """
+
+    call: Call | None
+    said: str
+
+
+def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
+    """Return the trial of a solver: a call to time if it solves the scene at every state."""
+    try:
+        workspace = Workspace(scene, solver)
+    except UnsupportedConstraint:
+        missing = [c for c in scene.constraints if c.name in unsupported(scene, solver)]
+        kinds = dict.fromkeys(str(getattr(c, "kind", type(c).__name__)) for c in missing)
+        return Trial(None, f"takes no {' and no '.join(kinds)}")
+    for state in states:
+        status = workspace.solve(*state, throw=False).status
+        if not status.ok:
+            return Trial(None, status.name.lower())
+    turn = cycle(states)
+    return Trial(lambda q, v, tau: workspace.acceleration(*next(turn)), "ok")
+
+
+def time_trials(
+    trials: Mapping[_Key, Trial], *, rounds: int, repeats: int = 10
+) -> dict[_Key, Times]:
+    """Return the times of the trials that have a call, in one interleaved run."""
+    calls = {name: one.call for name, one in trials.items() if one.call is not None}
+    nothing = (np.zeros(0),) * 3
+    return interleaved(calls, [nothing], rounds=rounds, repeats=repeats)

@@ -50,7 +50,7 @@ from condyn_pin.mechanism.assembling import (
     limited,
     nominal_configuration,
 )
-from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Assembly, AssemblyStatus, Closer
 from condyn_pin.mechanism.rank import check
 from condyn_pin.model.joints import NO_LIMITS
@@ -176,19 +176,12 @@ def nearest(
     return found
 
 
-def _meets(left: Array, sizes: Sequence[Array]) -> bool:
-    """True if the residual of rows is within tolerance, relative to the largest of `sizes`."""
-    size = max(float(np.abs(each).max(initial=0.0)) for each in sizes)
-    length = float(np.linalg.norm(left))
-    return length <= tolerances.CONSISTENT * max(1.0, size)
-
-
 def _check_rows(scene: Scene, q: Array, left: Array, sizes: Sequence[Array], per: str) -> None:
     """Refuse a projection that leaves the constraints, because their rows contradict each other."""
-    if _meets(left, sizes):
+    least = tolerances.CONSISTENT * max(1.0, *(float(np.abs(x).max(initial=0.0)) for x in sizes))
+    if np.linalg.norm(left) <= least:
         return
     excused, off = rounding(scene, q, sizes[1]), constraint_velocities(scene, left)
-    least = tolerances.CONSISTENT * max(1.0, *(float(np.abs(x).max(initial=0.0)) for x in sizes))
     beyond = {name: by for name, by in off.items() if by.size > max(least, excused[name])}
     if beyond:
         name, by = worst(beyond)
@@ -327,7 +320,13 @@ def complete_state(
         check_held("q_actuated", chains.limits, target, A)
     assembly = drive(scene, follower, start, target)
     if within_limits:
-        _check_dependent(chains, assembly)
+        moved = limited(chains.limits, chains.dependent)
+        if out := {j: by for j, by in assembly.beyond_limits.items() if j in moved}:
+            raise NotAssembled(
+                f"with the motors there, {beyond_text(out)}; move them elsewhere, or pass "
+                "within_limits=False",
+                replace(assembly, status=AssemblyStatus.BEYOND_LIMITS),
+            )
     J = follower.jacobian(assembly.q)
     G = follower.G(J)
     passive = np.delete(J, A, axis=1)
@@ -366,18 +365,6 @@ def _velocity(
             "motors too; leave v_actuated out, or give velocities that fit"
         )
     return v
-
-
-def _check_dependent(chains: ClosedChains, assembly: Assembly) -> None:
-    """Refuse a state in which the motors take a joint out of its limits."""
-    moved = limited(chains.limits, chains.dependent)
-    out = {joint: by for joint, by in assembly.beyond_limits.items() if joint in moved}
-    if out:
-        raise NotAssembled(
-            f"with the motors there, {beyond_text(out)}; move them elsewhere, or pass "
-            "within_limits=False",
-            replace(assembly, status=AssemblyStatus.BEYOND_LIMITS),
-        )
 
 
 def _rank(J: Array) -> int:

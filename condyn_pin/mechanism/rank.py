@@ -1,6 +1,6 @@
 """Rank, mobility, and the check of a scene.
 
-Rank: what the rows of a scene ask for at one configuration.
+Rank: independent rows of a scene at one configuration.
 
 With M = L L^T and the whitened Jacobian J L^-T, whose squared singular values are the eigenvalues
 of the Delassus matrix J M^-1 J^T,
@@ -171,8 +171,8 @@ class Rank:
         if self.singular:
             yield (
                 f"singular configuration: rank {self.rank} here, {self.generic_rank} nearby; "
-                f"{', '.join(self.only_here)} redundant only here; J says less than the loops ask "
-                "for, and accelerations can be wrong"
+                f"{', '.join(self.only_here)} redundant only here; J says less than the loops "
+                "do, and accelerations can be wrong"
             )
             if self.isolated:
                 yield (
@@ -305,9 +305,11 @@ def _told(twists: Array, points: Points) -> str:
     turning = rank_of(S)
     mixed = Vt @ twists  # the last ones do not turn
     turns, shifts = mixed[:turning], mixed[turning:, :3]
-    # what can be shifted besides is no part of a turn
-    turns = np.hstack([turns[:, :3] - turns[:, :3] @ _projector(shifts), turns[:, 3:]])
-    told = [_shifts(shifts)] if len(shifts) else []
+    told = []
+    if len(shifts):
+        Q = np.linalg.qr(shifts.T)[0]  # what can be shifted besides is no part of a turn
+        turns = np.hstack([turns[:, :3] - turns[:, :3] @ (Q @ Q.T), turns[:, 3:]])
+        told = [_shifts(shifts)]
     if len(turns) == 1:
         told.append(_turn(turns[0], shifts, points))
     elif len(turns):
@@ -347,13 +349,6 @@ def _turns(turns: Array, points: Points) -> str:
         if np.abs(turns[:, :3] + np.cross(turns[:, 3:], x)).max() < _SMALL:
             return f"turn {how} about {name}"
     return f"turn {how}"
-
-
-def _projector(shifts: Array) -> Array:
-    if not len(shifts):
-        return np.zeros((3, 3))
-    Q = np.linalg.qr(shifts.T)[0]
-    return np.asarray(Q @ Q.T)
 
 
 def _direction(x: Array) -> str:

@@ -9,11 +9,10 @@ changes the robot; `Scene.minimal` measures by how much.
 
 from __future__ import annotations
 
-from collections.abc import Hashable, Iterable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from itertools import cycle
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,17 +24,15 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg import factorise
-from condyn_pin._core.timing import Call, State, Times, interleaved
+from condyn_pin._core.timing import State
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.nominal import described_posture
-from condyn_pin.dynamics.scene import Scene, motor_torque
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
-from condyn_pin.dynamics.workspace import Workspace, unsupported
-from condyn_pin.errors import InvalidArgument, NotAssembled, UnknownName, UnsupportedConstraint
+from condyn_pin.errors import InvalidArgument, NotAssembled, UnknownName
 from condyn_pin.mechanism.summary import Summary
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller import free_flyers, sifted, smaller_robot, with_held
@@ -475,79 +472,3 @@ def _bend(equations: Equations, state: State, springs: Sequence[Spring], index: 
     _, lam = Reference(refinements=0).solve(held, tau)
     step: Array = -lam[-k:] / np.array([spring.stiffness for spring in springs])
     return step
-
-
-# The states that a smaller scene is asked at.
-
-
-def sampled(scene: Scene, seed: int, count: int) -> list[State]:
-    """Return random closed states, with torques of the motors."""
-    rng = np.random.default_rng(seed)
-    return [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
-
-
-def checked_states(scene: Scene, motion: Any) -> list[State]:
-    """Return the states of a motion, or raise InvalidArgument or NotAssembled."""
-    if isinstance(motion, str) or not isinstance(motion, Iterable):
-        raise InvalidArgument(f"motion = {motion!r}: a list of (q, v, tau) is needed")
-    check = scene.robot.arguments.check
-    states = []
-    for k, state in enumerate(motion):
-        try:
-            q, v, tau = state
-        except (TypeError, ValueError) as error:
-            raise InvalidArgument(f"motion[{k}]: (q, v, tau) is needed ({error})") from error
-        try:
-            q, v, tau = check(q, v, tau)
-            scene.check(q, v).raise_if_open()
-        except InvalidArgument as error:
-            raise InvalidArgument(f"motion[{k}]: {error}") from error
-        except NotAssembled as error:
-            raise NotAssembled(f"motion[{k}]: {error}", error.assembly) from error
-        states.append((q, v, tau))
-    if not states:
-        raise InvalidArgument("motion: it is empty; one state (q, v, tau) at least is needed")
-    return states
-
-
-# Trials: solvers tried on scenes, and timed beside each other where they say ok.
-
-
-_Key = TypeVar("_Key", bound=Hashable)
-
-
-@dataclass(frozen=True)
-class Trial:
-    """A solver tried on a scene: "ok" and the call to time, or the reason for no time.
-
-    The call goes from one state to the next, and does not check its arguments: scenes that are
-    compared do not share their states.
-    """
-
-    call: Call | None
-    said: str
-
-
-def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
-    """Return the trial of a solver: a call to time if it solves the scene at every state."""
-    try:
-        workspace = Workspace(scene, solver)
-    except UnsupportedConstraint:
-        missing = [c for c in scene.constraints if c.name in unsupported(scene, solver)]
-        kinds = dict.fromkeys(str(getattr(c, "kind", type(c).__name__)) for c in missing)
-        return Trial(None, f"takes no {' and no '.join(kinds)}")
-    for state in states:
-        status = workspace.solve(*state, throw=False).status
-        if not status.ok:
-            return Trial(None, status.name.lower())
-    turn = cycle(states)
-    return Trial(lambda q, v, tau: workspace.acceleration(*next(turn)), "ok")
-
-
-def time_trials(
-    trials: Mapping[_Key, Trial], *, rounds: int, repeats: int = 10
-) -> dict[_Key, Times]:
-    """Return the times of the trials that have a call, in one interleaved run."""
-    calls = {name: one.call for name, one in trials.items() if one.call is not None}
-    nothing = (np.zeros(0),) * 3
-    return interleaved(calls, [nothing], rounds=rounds, repeats=repeats)

@@ -166,8 +166,13 @@ def merge_points(scene: Scene, *, edges: bool = True) -> ReducedScene:
     ReducedScene
     """
     robot, constraints, dropped = scene.robot, list(scene.constraints), []
-    for frame, points in _groups(constraints).items():
-        if not edges and _on_a_line(points):
+    on_frames: dict[str, list[Constraint]] = {}
+    for constraint in constraints:
+        if constraint.point is not None and constraint.drift is None:
+            (frame,) = constraint.frames
+            on_frames.setdefault(frame, []).append(constraint)
+    for frame, points in on_frames.items():
+        if _spread(points)[1][0] <= 0 or (not edges and _on_a_line(points)):
             continue
         at = constraints.index(points[0])
         constraints = [c for c in constraints if c not in points]
@@ -176,15 +181,6 @@ def merge_points(scene: Scene, *, edges: bool = True) -> ReducedScene:
         rows = sum(p.rows for p in points)
         dropped.append(f"contacts on {frame}: {rows} rows of points as {merged.rows} of one")
     return reduced(scene, robot, constraints, described_posture(scene), dropped)
-
-
-def _groups(constraints: Sequence[Constraint]) -> dict[str, list[Constraint]]:
-    found: dict[str, list[Constraint]] = {}
-    for constraint in constraints:
-        if constraint.point is not None and constraint.drift is None:
-            (frame,) = constraint.frames
-            found.setdefault(frame, []).append(constraint)
-    return {frame: points for frame, points in found.items() if _spread(points)[1][0] > 0}
 
 
 def _spread(points: Sequence[Constraint]) -> tuple[Array, Array, Array]:
@@ -508,7 +504,14 @@ def rods_as_distances(
     small = replace(small, loops=(*small.loops, *distances))
     constraints: list[Constraint] = [of_loop.get(c.name, c) for c in scene.constraints]
     result = reduced(scene, small, constraints, q, (words, *lost), found=names)
-    _check_mobility(scene, result, rods)
+    # what goes with a rod on a ball is its spin about itself, and nothing with one on a hinge
+    spins = sum(scene.robot.model.joints[rod.number].nv == 3 for rod in rods)
+    if result.nominal.mobility != (right := scene.nominal.mobility - spins):
+        raise InvalidConstraint(
+            f"rods {listed([rod.joint for rod in rods])}: as distances they leave mobility "
+            f"{result.nominal.mobility} where {right} is right, so they do more than "
+            "keep a distance"
+        )
     return result
 
 
@@ -577,24 +580,5 @@ def _with_ends(robot: Robot, rod: _Rod, mass: RodMass) -> Robot:
         m = model.inertias[rod.number].mass
         other, place = robot.frame(rod.far)
         for joint, part, at in ((parent, 1 - rod.share, seat), (other, rod.share, place)):
-            model.appendBodyToJoint(joint, _point(part * m), at)
+            model.appendBodyToJoint(joint, pin.Inertia(part * m, np.zeros(3), np.zeros((3, 3))), at)
     return replace(robot, model=model)
-
-
-def _point(mass: float) -> Any:
-    return pin.Inertia(mass, np.zeros(3), np.zeros((3, 3)))
-
-
-def _check_mobility(before: Scene, after: Scene, rods: Sequence[_Rod]) -> None:
-    """Refuse rods that carry more than force along themselves.
-
-    What goes with a rod on a ball is its spin about itself, and nothing with one on a hinge.
-    """
-    spins = sum(before.robot.model.joints[rod.number].nv == 3 for rod in rods)
-    wanted = before.nominal.mobility - spins
-    if after.nominal.mobility != wanted:
-        raise InvalidConstraint(
-            f"rods {listed([rod.joint for rod in rods])}: as distances they leave mobility "
-            f"{after.nominal.mobility} where {wanted} is right, so they do more than "
-            "keep a distance"
-        )

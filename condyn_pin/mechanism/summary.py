@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from itertools import zip_longest
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -229,7 +228,9 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
             f"M has a condition number of {at.condition:.0e}: look for bodies of next to no "
             "inertia; no method can be accurate on them"
         )
-    if massless := _massless(scene.robot.model):
+    model = scene.robot.model
+    trees = ((model.names[i], model.subtrees[i]) for i in range(1, model.njoints))
+    if massless := [n for n, tree in trees if not any(model.inertias[j].mass for j in tree)]:
         yield (
             f"nothing beyond {', '.join(massless)} has a mass: only an armature, or what the "
             "loops hang on it, moves there"
@@ -259,13 +260,3 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
     if outside:
         joints = ", ".join(f"{joint} by {by}" for joint, by in outside.items())
         yield f"beyond joint limits, which the scene has no stops for: {joints}"
-
-
-def _massless(model: Any) -> list[str]:
-    """Return the joints whose whole subtree has no mass."""
-    masses = [inertia.mass for inertia in model.inertias]
-    return [
-        model.names[i]
-        for i in range(1, model.njoints)
-        if not any(masses[j] for j in model.subtrees[i])
-    ]
