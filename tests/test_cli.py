@@ -644,7 +644,7 @@ def test_a_table_of_numbers_is_folded_for_a_narrow_terminal_and_never_cut(termin
     from rich.console import Console
     from rich.table import Table
 
-    from condyn_pin._core.printing import print_whole
+    from condyn_pin._core.show import print_whole
 
     table = Table("solver", "median of the times [us]", "error, worst of all", "status")
     table.add_row("Proximal(mu=0.0001, max_iterations=1)", "12.5", "2e-04", "20 inaccurate")

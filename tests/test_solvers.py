@@ -16,10 +16,10 @@ import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin._core.linalg import range_space
 from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.cli.commands.solvers import solver_rows
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.solvers.conjugate_gradient import conjugate_gradients
 from condyn_pin.dynamics.solvers.dense_kkt import PROBES, probing, scaling
-from condyn_pin.study.printing import solver_rows
 
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks"))

@@ -154,9 +154,9 @@ def test_the_name_of_a_robot_is_its_feet_on_the_floor(name):
 
 
 def test_a_study_takes_only_what_its_measure_asks():
-    with pytest.raises(cp.InvalidArgument, match="is no ContactSolver, which contact asks"):
+    with pytest.raises(cp.InvalidArgument, match="is no ContactSolver, and contact measures"):
         Study(box(), [Proximal()], measure="contact")
-    with pytest.raises(cp.InvalidArgument, match="is no Solver, which acceleration asks"):
+    with pytest.raises(cp.InvalidArgument, match="is no Solver, and acceleration measures"):
         Study(box(), [ADMM()])
     with pytest.raises(cp.InvalidArgument, match="no feet"):
         Study("four_bar", measure="contact")

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from rich.table import Table
 
-from condyn_pin._core.printing import print_whole
+from condyn_pin._core.show import print_whole
 from condyn_pin.cli import arguments as arg
 from condyn_pin.cli.output import (
     check_picture,

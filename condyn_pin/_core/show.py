@@ -14,13 +14,18 @@ from collections.abc import Iterable, Sequence
 from html import escape
 from itertools import compress
 from pathlib import Path
-from typing import Any, Final
+from textwrap import fill
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
 from condyn_pin._core.arrays import Array, shown
 from condyn_pin._core.files import atomic_write
 from condyn_pin.errors import InvalidArgument, MissingExtra
+
+if TYPE_CHECKING:  # a first solve has no need of it
+    from rich.console import Console
+    from rich.table import Table
 
 _GOOD: Final = "#009e73"  # green and vermillion of Okabe and Ito: told apart by all eyes
 _BAD: Final = "#d55e00"
@@ -128,6 +133,35 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return not text
     return True
+
+
+# On a terminal.
+
+_ALL_COLUMNS: Final = 10_000  # columns: more than any table has
+_TEXT: Final = 20  # a cell that is longer is a text, and may be folded
+
+
+def print_whole(table: Table, console: Console) -> None:
+    """Print a table without cut cells; wide tables have long lines.
+
+    On a terminal that is too narrow, the frame is left out, and headings and texts are folded:
+    numbers are never broken.
+    """
+    options = console.options.update(max_width=_ALL_COLUMNS)
+    least, most = console.measure(table, options=options)
+    if console.is_terminal and most > console.width:
+        table.box, table.padding, table.pad_edge = None, (0, 1, 0, 0), False
+        for column in table.columns:
+            column.overflow = "fold"
+            words = str(column.header).split()
+            longest = max(len(str(cell)) for cell in column.cells)
+            if longest <= _TEXT:
+                longest = max(longest, *map(len, words))
+                column.header, column.width = fill(" ".join(words), longest), longest
+        least, most = console.measure(table, options=options)
+        most = min(max(console.width, least), most)
+    table.width = most
+    console.print(table, crop=False)
 
 
 # pandas, where it is installed.

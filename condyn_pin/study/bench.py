@@ -15,6 +15,7 @@ from math import inf, isfinite, nan
 from typing import Any, ClassVar, Final
 
 import numpy as np
+from scipy.linalg.lapack import dsysv
 
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
@@ -88,7 +89,12 @@ def bench(
     """
     check_called("progress", progress, "scene, round, rounds")
     rows: list[BenchRow] = []
-    where = machine() | (compiled_by() if native else {})
+    where = machine()
+    if native:
+        core, lcaba = constrained_aba(), compiled_lcaba()
+        headers = f"Pinocchio {core.pinocchio}, {lcaba.pinocchio} for LCABA"
+        where["C++ compiler"] = core.compiler
+        where["C++ headers"] = f"{headers}, Eigen {core.eigen} with {core.simd}"
     try:
         for name in robots:
             for label, scene in standard_scenes(load_robot(name)).items():
@@ -102,7 +108,7 @@ def bench(
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A row without times, and the calls to time by name: "once", "solve", "bare"."""
+    """A row without times, and the calls to time by name: "once", "solve", "bare", or `CPP`."""
 
     row: BenchRow
     calls: Mapping[str, Call]
@@ -123,16 +129,22 @@ def bench_scene(
     asked = solvers or [*_solvers(scene), *([ConstrainedABA(), PV()] if native else [])]
     chosen = [s for s in asked if not unsupported(scene, s)]
     damping = _damping(scene)
-    compiled = compiled_methods(case, damping) if native else []
+    compiled: list[_Candidate] = []
+    if native:
+        of_all = [_compiled(case, name, method) for name, method in _methods(case, damping)]
+        compiled = [each for each in of_all if not each.row.rows or isfinite(each.row.error)]
     written = {_named(name, damping): call for name, call in by_hand(scene, damping).items()}
+    model, data = pin.Model(scene.robot.model), scene.robot.model.createData()
+    free = BenchRow(scene=label, method="ABA, unconstrained", rows=0, rank=0)
     candidates = [
-        _unconstrained(case),
+        _Candidate(free, {"bare": lambda q, v, tau: pin.aba(model, data, q, v, tau)}, False),
         *(_solver(case, solver) for solver in chosen),
         *(_equations(case, method, call) for method, call in written.items()),
+        *compiled,
     ]
     calls: dict[tuple[int, str], Call] = {
         (i, what): call for i, c in enumerate(candidates) for what, call in c.calls.items()
-    } | {(i, CPP): method.call for i, method in enumerate(compiled)}
+    }
     done = iter(range(1, effort.rounds + 1))
     times = interleaved(
         calls,
@@ -142,21 +154,14 @@ def bench_scene(
         enough=_ENOUGH if native else inf,
         tick=lambda: progress(label, next(done), effort.rounds),
     )
-    plain = [times[i, "once"] for i, c in enumerate(candidates) if c.is_dense and c.calls]
-    dense = min(plain, key=lambda spent: spent.median, default=None)
-    in_cpp = {i: times[i, CPP] for i, _ in enumerate(compiled)}
-    dense_in_cpp = fastest_dense(compiled, in_cpp)
+    fastest: dict[str, Times] = {}  # of the dense ones, in Python and in C++
+    for (i, what), spent in times.items():
+        if candidates[i].is_dense and what in ("once", CPP):
+            fastest[what] = min(fastest.get(what, spent), spent, key=lambda each: each.median)
     return [
-        _timed(c.row, {what: times[i, what] for what in c.calls}, dense)
+        _timed(c.row, {what: times[i, what] for what in c.calls}, fastest, len(case.states))
         for i, c in enumerate(candidates)
-    ] + [method.timed(in_cpp[i], dense_in_cpp) for i, method in enumerate(compiled)]
-
-
-def _unconstrained(case: Case) -> _Candidate:
-    """Return Pinocchio's ABA, without any constraint."""
-    model, data = pin.Model(case.scene.robot.model), case.scene.robot.model.createData()
-    row = BenchRow(scene=case.label, method="ABA, unconstrained", rows=0, rank=0)
-    return _Candidate(row, {"bare": lambda q, v, tau: pin.aba(model, data, q, v, tau)}, False)
+    ]
 
 
 def _solver(case: Case, solver: Solver) -> _Candidate:
@@ -192,11 +197,17 @@ def _equations(case: Case, method: str, call: Call) -> _Candidate:
     return _Candidate(row, {"once": call} if isfinite(error) else {}, True)
 
 
-def _timed(row: BenchRow, times: Mapping[str, Times], dense: Times | None) -> BenchRow:
-    """Return a row with its times."""
+def _timed(
+    row: BenchRow, times: Mapping[str, Times], fastest: Mapping[str, Times], states: int
+) -> BenchRow:
+    """Row with its times, beside those of the fastest dense ones; a call of `CPP` is all states."""
     hot, full, bare = (times.get(what) for what in ("once", "solve", "bare"))
+    if in_cpp := times.get(CPP):
+        each = Times(tuple(spent / states for spent in in_cpp.samples))
+        x = fastest[CPP].ratio(in_cpp) if CPP in fastest and row.rows else nan
+        row = replace(row, bare_us=each.median, bare_p95_us=each.p95, to_dense=x)
     if hot:
-        to_dense = dense.ratio(hot) if dense else nan
+        to_dense = fastest["once"].ratio(hot) if "once" in fastest else nan
         p95 = hot.p95
         row = replace(row, acceleration_us=hot.median, acceleration_p95_us=p95, to_dense=to_dense)
     if full:
@@ -252,47 +263,6 @@ _TITLES: Final = {
 FREE: Final = "pinocchio::aba"
 
 
-@dataclass(frozen=True)
-class Compiled:
-    """A row without a time, and the call that answers all states of the case."""
-
-    row: BenchRow
-    call: Call
-    states: int
-    is_dense: bool
-
-    def timed(self, times: Times, dense: Times | None) -> BenchRow:
-        """Return the row with the time of one state; `dense` are those of the fastest dense one."""
-        each = Times(tuple(spent / self.states for spent in times.samples))
-        x = dense.ratio(times) if dense and self.row.rows else nan
-        return replace(self.row, bare_us=each.median, bare_p95_us=each.p95, to_dense=x)
-
-
-def compiled_by() -> dict[str, str]:
-    """Return the C++ compiler and header versions, as entries of a table's `machine`."""
-    module = constrained_aba()
-    return {
-        "C++ compiler": module.compiler,
-        "C++ headers": f"Pinocchio {module.pinocchio}, {compiled_lcaba().pinocchio} for LCABA, "
-        f"Eigen {module.eigen} with {module.simd}",
-    }
-
-
-def compiled_methods(case: Case, damping: float) -> list[Compiled]:
-    """Return the compiled methods with a finite error on the scene; dense ones damped [1/kg].
-
-    Raises MissingExtra if no method is compiled.
-    """
-    made = [_compiled(case, name, method) for name, method in _methods(case, damping)]
-    return [one for one in made if not one.row.rows or isfinite(one.row.error)]
-
-
-def fastest_dense(methods: list[Compiled], times: Mapping[int, Times]) -> Times | None:
-    """Return the times of the fastest dense method; `times` are by index in the list."""
-    plain = [times[i] for i, method in enumerate(methods) if method.is_dense]
-    return min(plain, key=lambda spent: spent.median, default=None)
-
-
 def _methods(case: Case, damping: float) -> Iterator[tuple[str, CompiledMethod]]:
     scene, settings = case.scene, {}
     for name, kind in _OF_SOLVERS.items():
@@ -321,7 +291,7 @@ def _settings(workspace: Workspace) -> dict[str, Any]:
     return {"mu": found.mu, "accuracy": accuracy, "limit": found.max_iter}
 
 
-def _compiled(case: Case, name: str, method: CompiledMethod) -> Compiled:
+def _compiled(case: Case, name: str, method: CompiledMethod) -> _Candidate:
     """Compiled method with its worst relative error of a over the states."""
     states = [np.ascontiguousarray(x) for x in map(np.array, zip(*case.states, strict=True))]
     answers, scene = method.many(*states), case.scene
@@ -337,8 +307,7 @@ def _compiled(case: Case, name: str, method: CompiledMethod) -> Compiled:
         error=error,
         origin=CPP,
     )
-    is_dense = name.startswith("Dense")
-    return Compiled(row, lambda *_: method.many(*states), len(answers), is_dense)
+    return _Candidate(row, {CPP: lambda *_: method.many(*states)}, name.startswith("Dense"))
 
 
 # BenchTable: the rows of a benchmark, with the machine that they were measured on.
@@ -439,8 +408,6 @@ def _by_numpy(scene: Scene, mu: float) -> Answer:
 
 
 def _by_lapack(scene: Scene, mu: float) -> Answer:
-    from scipy.linalg.lapack import dsysv
-
     n, assemble = scene.robot.nv, _assembly(scene, mu)
 
     def answer(q: Array, v: Array, tau: Array) -> Array:

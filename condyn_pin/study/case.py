@@ -20,7 +20,7 @@ from condyn_pin._core.arguments import check_count
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.files import parse_json
-from condyn_pin._core.timing import Call, State, Times, interleaved, machine
+from condyn_pin._core.timing import Call, State, interleaved, machine
 from condyn_pin._core.tolerances import DOUBT, SOLVED
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics.scene import Scene
@@ -94,7 +94,7 @@ def measure_errors(case: Case, solver: Method) -> Row:
     errors = [found.error for found in answers] + [inf] * missing
     return Row(
         scene=case.label,
-        rows=_rows(case.scene),
+        rows=case.scene.rows + Candidates(case.scene.robot.model, case.scene.contact_bounds).rows,
         nv=case.scene.robot.nv,
         method=solver.title,
         solver=repr(solver),
@@ -141,11 +141,6 @@ def _answers(case: Case, solver: Method) -> tuple[list[Answer], Counter[str], li
             answers.append(found)
             statuses[found.status] += 1
     return answers, statuses, list(notes)
-
-
-def _rows(scene: Scene) -> int:
-    """Return the rows of constraints and contacts."""
-    return scene.rows + Candidates(scene.robot.model, scene.contact_bounds).rows
 
 
 def parameters_of(solver: Method) -> dict[str, Parameter]:
@@ -224,7 +219,11 @@ def measure_times(
     The cases of `rows` have the same scene and the same states; `tick` is called after each round.
     """
     timed = {candidate: row for candidate, row in rows.items() if isfinite(row.error_worst)}
-    found = {candidate: replace(row, timed=_why_not(row)) for candidate, row in rows.items()}
+    found: dict[Candidate, Row] = {}
+    for candidate, row in rows.items():
+        failures = ", ".join(f"{count} {status}" for status, count in row.statuses.items())
+        why = f"not timed: no finite answer at every state ({failures})"
+        found[candidate] = replace(row, timed=why)
     if not timed:
         return found
     began, worked = perf_counter(), process_time()
@@ -241,13 +240,14 @@ def measure_times(
     said = _said(perf_counter() - began, process_time() - worked)
     for candidate, row in timed.items():
         once = times[candidate, "once"]
+        bare, solve = (times.get((candidate, what)) for what in ("bare", "solve"))
         found[candidate] = replace(
             row,
             build_us=builds[candidate],
             median_us=once.median,
             p95_us=once.p95,
-            bare_us=_median(times.get((candidate, "bare"))),
-            solve_us=_median(times.get((candidate, "solve"))),
+            bare_us=bare.median if bare else None,
+            solve_us=solve.median if solve else None,
             timed=said,
         )
     return found
@@ -269,21 +269,12 @@ def _built(
     return {each: float(np.median(spent)) for each, spent in samples.items()}, workspaces
 
 
-def _median(times: Times | None) -> float | None:
-    return None if times is None else times.median
-
-
 def _said(passed: float, worked: float) -> str:
     """Timing remark of a row: on a core of its own, or the share of the core it had."""
     share = worked / passed if passed else 1.0
     if share >= _OWNED:
         return ALONE
     return f"timed on a shared core: had it {share:.0%} of the time"
-
-
-def _why_not(row: Row) -> str:
-    failures = ", ".join(f"{count} {status}" for status, count in row.statuses.items())
-    return f"not timed: no finite answer at every state ({failures})"
 
 
 # Results: a file of rows that grows while a study runs, so that it can be stopped and resumed.

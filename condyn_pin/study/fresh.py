@@ -57,7 +57,6 @@ from condyn_pin.study.tables import (
     Record,
     Row,
     method_named,
-    with_accuracy,
 )
 
 _TENTH: Final = 10
@@ -141,7 +140,7 @@ def _error(measure: Measure, workspace: Any, state: State, truth: Array) -> floa
 # cheapest: the fastest solver of a table that meets an error, where it was not chosen too.
 
 
-# Several errors are asked of one table after the other: the states and the truth stay the same.
+# For several errors of one table, one after the other, the states and the truth stay the same.
 _fresh_errors = lru_cache(maxsize=1)(FreshErrors)
 
 _LONGEST: Final = 1000  # characters of a tuple as text
@@ -153,7 +152,7 @@ class Choice:
 
     Attributes
     ----------
-    solver : Solver, or what the measure asks
+    solver : Solver, or another method of the measure
         Its `accuracy` is what was asked for, or 1e-8 where that was less.
     error : float
         What was asked for, relative.
@@ -217,8 +216,10 @@ def choose(rows: Sequence[Row], scene: Scene | None, error: float, states: State
 
 
 def promising(solver: Method, error: float) -> Method:
-    """Return a solver with the accuracy that it was chosen for, at least 1e-8."""
-    return with_accuracy(solver, max(error, SOLVED))
+    """Return a solver with the accuracy that it was chosen for, at least 1e-8, if it has one."""
+    if not hasattr(solver, "accuracy"):
+        return solver
+    return replace(solver, accuracy=max(error, SOLVED))  # type: ignore[type-var]
 
 
 def solver_of(row: Row) -> Method:

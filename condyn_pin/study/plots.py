@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import isfinite
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -23,10 +23,8 @@ from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.bench import BenchTable
+from condyn_pin.study.table import Table
 from condyn_pin.study.tables import ANSWERED, Row, pareto_front
-
-if TYPE_CHECKING:
-    from condyn_pin.study.table import Table
 
 # As many markers as may be, and another number of lines, tell the methods apart without colour.
 _MARKERS = ("s", "o", "^", "d", "v", "P", "X", "<", ">", "p", "h", "*", "D")

@@ -1,21 +1,14 @@
-"""Tables of studies and of solvers, printed.
-
-Tables of measurements on a terminal.
-"""
+"""Tables of studies and of the bench on a terminal."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table as Grid
 
-from condyn_pin._core.printing import print_whole
-from condyn_pin.dynamics.solvers import SOLVERS
-from condyn_pin.dynamics.solvers.base import Solver, parameter_fields
-from condyn_pin.dynamics.workspace import kinds_of
+from condyn_pin._core.show import print_whole
 from condyn_pin.study.bench import BenchRow, BenchTable
 from condyn_pin.study.table import Table
 from condyn_pin.study.tables import ALONE, Measurements, Row, number
@@ -114,39 +107,3 @@ def _print_in_cpp(table: BenchTable, in_cpp: Sequence[BenchRow], console: Consol
             cells += [number(us, ".1f"), number(twin.to_dense, ".2f"), number(twin.error, ".0e")]
         shown.add_row(row.method, *cells)
     print_whole(shown, console)
-
-
-# What each solver takes, costs and is good for, as it declares itself.
-
-
-@dataclass(frozen=True)
-class SolverRow:
-    """One solver in words."""
-
-    name: str  # as `cp.NAME()` and, in any case of letters, for ``--solver``
-    kinds: str  # of constraints that it takes
-    redundant: str  # what it makes of redundant rows, and of states where rows become so
-    cost: str
-    use: str
-    parameters: str  # its fields with their defaults, one a line; None is found on the scene
-
-
-def solver_rows() -> tuple[SolverRow, ...]:
-    """Return a row for every solver."""
-    return tuple(
-        SolverRow(
-            kind.__name__, kinds_of(kind), _redundant(kind), kind.cost, kind.use, _parameters(kind)
-        )
-        for kind in SOLVERS.values()
-    )
-
-
-def _redundant(kind: type[Solver]) -> str:
-    if kind.takes_redundant:
-        return "yes"
-    return "mu > 0, else singular" if hasattr(kind, "mu") else "singular"
-
-
-def _parameters(kind: type[Solver]) -> str:
-    default = kind()
-    return "\n".join(f"{f.name}={getattr(default, f.name)!r}" for f in parameter_fields(kind))

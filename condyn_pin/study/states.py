@@ -53,25 +53,18 @@ class States(ABC):
         return True
 
 
-def _random(scene: Scene, q: Array, v: Array, tau: Array) -> State:
-    return q, v, tau
-
-
-def _zero(scene: Scene, q: Array, v: Array, tau: Array) -> State:
-    return q, v, 0 * tau
-
-
 def _compensated(scene: Scene, q: Array, v: Array, tau: Array) -> State:
     has_motors = bool(scene.robot.motor_joints)
     return q, 0 * v, gravity_compensation(scene.bilateral, q).tau if has_motors else 0 * tau
 
 
-def _rest(scene: Scene, q: Array, v: Array, tau: Array) -> State:
-    return q, 0 * v, 0 * tau
-
-
 # What is done with a random closed q, v and motor torque.
-LOADS: Final = {"random": _random, "zero": _zero, "compensated": _compensated, "rest": _rest}
+LOADS: Final[Mapping[str, Callable[[Scene, Array, Array, Array], State]]] = {
+    "random": lambda scene, q, v, tau: (q, v, tau),
+    "zero": lambda scene, q, v, tau: (q, v, 0 * tau),
+    "compensated": _compensated,
+    "rest": lambda scene, q, v, tau: (q, 0 * v, 0 * tau),
+}
 
 
 @dataclass(frozen=True)
@@ -79,8 +72,8 @@ class SampledStates(States):
     """Random states of `Scene.sample`, under one load after the other.
 
     A method is not equally accurate under all of them: errors are relative to the larger of |a| and
-    gravity, and large random torques hide some that show without any. With contacts that may let go
-    the robot stands on the lowest of them: in motion it hits, slides and lets go.
+    gravity, and large random torques hide some that show without any. With contacts that may open
+    the robot stands on the lowest of them: in motion it hits, slides and lifts off.
 
     Parameters
     ----------

@@ -65,7 +65,7 @@ class Study:
         The name of a robot stands for its standard scenes, of which the first measure says what
         they are; `modellings` gives other ways to model
         the same machine, and ``HIERARCHIES[name].scenes()`` smaller ones.
-    solvers : sequence of Solver, or of what the measure asks, optional
+    solvers : sequence of Solver, or of other methods of the measure, optional
         By default all but `Reference`, each with the parameters that it declares worth a look;
         `sweep` makes others.
     states : States or int
@@ -176,7 +176,7 @@ class Study:
         InvalidArgument
             If `results` is not such a file.
         """
-        return Run(self, executor, progress, timed, results).table()
+        return StudyRun(self, executor, progress, timed, results).table()
 
 
 def _methods(given: Sequence[Method], measures: Sequence[Measure]) -> tuple[Method, ...]:
@@ -185,8 +185,8 @@ def _methods(given: Sequence[Method], measures: Sequence[Measure]) -> tuple[Meth
         for measure in measures:
             if not isinstance(method, measure.asks):
                 raise InvalidArgument(
-                    f"solvers: {method!r} is no {measure.asks.__name__}, which {measure.name} "
-                    f"asks: {', '.join(kind.__name__ for kind in measure.methods.values())}"
+                    f"solvers: {method!r} is no {measure.asks.__name__}, and {measure.name} "
+                    f"measures {', '.join(kind.__name__ for kind in measure.methods.values())}"
                 )
     if not several:
         raise InvalidArgument("solvers = []: at least one is needed")
@@ -202,7 +202,7 @@ _T = TypeVar("_T")
 _CHUNK = 4
 
 
-class Run:
+class StudyRun:
     """One run of a study; see `Study.run` for its arguments."""
 
     def __init__(
@@ -385,16 +385,11 @@ def default_sweep(scene: Scene, measure: Measure = _ACCELERATION) -> tuple[Metho
     chosen: list[Method] = []
     for kind in measure.methods.values():
         method = kind()
-        if not isinstance(method, Reference):
-            chosen += [method] if _refuses(method, scene) else sweep(method)
+        if isinstance(method, Reference):
+            continue
+        refuses = isinstance(method, Solver) and (method.missing() or unsupported(scene, method))
+        chosen += [method] if refuses else sweep(method)
     return tuple(chosen)
-
-
-def _refuses(method: Method, scene: Scene) -> bool:
-    """True if a solver does not support a scene, or is not installed."""
-    if not isinstance(method, Solver):
-        return False
-    return bool(method.missing() or unsupported(scene, method))
 
 
 # tune and tuned: a solver chosen by a short study, and the choice looked up again.
@@ -455,7 +450,7 @@ def tune(
     choice = choose(scene, error, measure=measure, solvers=solvers, progress=progress)
     if save:
         keep(scene, choice)
-    return cast(Solver, choice.solver)  # or a contact solver, where the measure asks those
+    return cast(Solver, choice.solver)  # or a contact solver, where the measure is of those
 
 
 def choose(
@@ -521,7 +516,8 @@ def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration")
     check_error(error)
     found = fingerprint(scene)
     path = plans.path_of(found, measure, error)
-    call = _call(error, measure)
+    more = "" if measure == "acceleration" else f", measure={measure!r}"
+    call = f"condyn_pin.study.tune(scene, {error:g}{more})"
     if not path.exists():
         raise NotTuned(f"no plan for this scene to {error:g}{_others(found)}; {call} makes one")
     try:
@@ -529,11 +525,6 @@ def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration")
         return cast(Solver, promising(made(plan.solver, plan.parameters), error))
     except CondynError as reason:
         raise NotTuned(f"{reason}; {call} makes a new one") from reason
-
-
-def _call(error: float, measure: str) -> str:
-    more = "" if measure == "acceleration" else f", measure={measure!r}"
-    return f"condyn_pin.study.tune(scene, {error:g}{more})"
 
 
 def _others(found: str) -> str:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from math import inf
 from pathlib import Path
@@ -182,7 +182,7 @@ _ROWS_FOR_COMMON: Final = 4
 
 
 @dataclass(frozen=True)
-class Change:
+class RowChange:
     """A row in two tables: the ratios of its times and errors.
 
     Attributes
@@ -233,7 +233,7 @@ class Comparison:
 
     Attributes
     ----------
-    changes : tuple of Change
+    changes : tuple of RowChange
         Rows that both tables have.
     common : float
         Median ratio of the times, new over old: the load of the machine, or a change that slows
@@ -244,14 +244,14 @@ class Comparison:
         Differences between the machines, a phrase each.
     """
 
-    changes: tuple[Change, ...]
+    changes: tuple[RowChange, ...]
     common: float
     missing: tuple[Row, ...]
     added: tuple[Row, ...]
     machines: tuple[str, ...]
 
     @property
-    def worse(self) -> tuple[Change, ...]:
+    def worse(self) -> tuple[RowChange, ...]:
         """The rows that became worse."""
         return tuple(change for change in self.changes if change.worse)
 
@@ -275,12 +275,15 @@ def compare(new: Table, old: Table) -> Comparison:
     """Return the changes between two tables; see `Table.compare`."""
     before = {row.key: row for row in old.rows}
     pairs = [(before[row.key], row) for row in new.rows if row.key in before]
-    common = _common(pairs)
-    now = {row.key for row in new.rows}
+    ratios = [
+        now.median_us / then.median_us for then, now in pairs if then.median_us and now.median_us
+    ]
+    common = median(ratios) if len(ratios) >= _ROWS_FOR_COMMON else 1.0
+    keys = {row.key for row in new.rows}
     return Comparison(
-        changes=tuple(_change(one, other, common) for one, other in pairs),
+        changes=tuple(_change(then, now, common) for then, now in pairs),
         common=common,
-        missing=tuple(row for row in old.rows if row.key not in now),
+        missing=tuple(row for row in old.rows if row.key not in keys),
         added=tuple(row for row in new.rows if row.key not in before),
         machines=tuple(
             f"{key}: {new.machine.get(key)}, before {old.machine.get(key)}"
@@ -290,28 +293,18 @@ def compare(new: Table, old: Table) -> Comparison:
     )
 
 
-def _common(pairs: Sequence[tuple[Row, Row]]) -> float:
-    ratios = [
-        new.median_us / old.median_us for old, new in pairs if old.median_us and new.median_us
-    ]
-    return median(ratios) if len(ratios) >= _ROWS_FOR_COMMON else 1.0
-
-
-def _change(old: Row, new: Row, common: float) -> Change:
+def _change(old: Row, new: Row, common: float) -> RowChange:
     slower = None
     if old.median_us and new.median_us:
         slower = new.median_us / old.median_us / common
-    return Change(old, new, slower, max(_spread(old), _spread(new)), _ratio(new, old))
+    if new.error_worst == old.error_worst:  # infinite ones as well
+        error = 1.0
+    else:
+        error = new.error_worst / old.error_worst if old.error_worst else inf
+    return RowChange(old, new, slower, max(_spread(old), _spread(new)), error)
 
 
 def _spread(row: Row) -> float:
     if not row.median_us or row.p95_us is None:
         return _LEAST_SPREAD
     return max(row.p95_us / row.median_us, _LEAST_SPREAD)
-
-
-def _ratio(new: Row, old: Row) -> float:
-    """Ratio of the worst errors, new over old; 1 if both are equal, infinite ones as well."""
-    if new.error_worst == old.error_worst:
-        return 1.0
-    return new.error_worst / old.error_worst if old.error_worst else inf

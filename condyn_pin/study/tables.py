@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields, replace
+from dataclasses import MISSING, dataclass, field, fields
 from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
@@ -40,7 +40,8 @@ class Record:
 
     def as_dict(self) -> dict[str, Any]:
         """Return the fields as plain values for json; numbers that are not finite are None."""
-        return {f.name: _nulled(getattr(self, f.name)) for f in fields(self)}  # type: ignore[arg-type]
+        values = ((f.name, getattr(self, f.name)) for f in fields(self))  # type: ignore[arg-type]
+        return {n: None if isinstance(x, float) and not isfinite(x) else x for n, x in values}
 
     def in_words(self) -> dict[str, Any]:
         """Return the fields as values for csv."""
@@ -65,10 +66,6 @@ class Record:
                 raise InvalidArgument(f"{name} = {value!r}: {wanted} needed")
         nulls = {n for n, value in saved.items() if value is None and known[n].type == "float"}
         return cls(**{**saved, **dict.fromkeys(nulls, cls.unknown)})
-
-
-def _nulled(value: Any) -> Any:
-    return None if isinstance(value, float) and not isfinite(value) else value
 
 
 def _refused(kind: str, value: Any, takes_null: bool) -> str:
@@ -220,8 +217,8 @@ def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 # Method: what a study measures, a frozen value whose fields are its parameters.
 #
-# Solvers of `SOLVERS`, contact solvers of `CONTACT_SOLVERS` and routes of `ROUTES` are; a measure
-# says which it asks.
+# Solvers of `SOLVERS`, contact solvers of `CONTACT_SOLVERS`, routes of `ROUTES`: each measure has
+# one of these registries.
 
 
 class Method(Protocol):
@@ -244,13 +241,6 @@ def method_named(name: str) -> type[Method] | None:
 def usual_parameters(kind: type[Method]) -> dict[str, Any]:
     """Return the parameters of a class with their defaults, but for the accuracy."""
     return {f.name: f.default for f in fields(kind) if f.name != "accuracy"}  # type: ignore[arg-type]
-
-
-def with_accuracy(method: Method, accuracy: float) -> Method:
-    """Return a method with this accuracy, if it has such a field; else the method itself."""
-    if not hasattr(method, "accuracy"):
-        return method
-    return replace(method, accuracy=accuracy)  # type: ignore[type-var]
 
 
 # Row: one solver with its parameters on one set of states, its time beside its error.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 from rich.table import Table
 
 from condyn_pin.cli import arguments as arg
@@ -12,8 +14,6 @@ PANEL = "Look"
 
 def solvers(as_json: arg.AsJson = False) -> None:
     """List the solvers: what each takes, what it costs, when to use it, its parameters."""
-    from condyn_pin.study.printing import SolverRow, solver_rows
-
     if as_json:
         print_json(solver_rows())
         return
@@ -32,3 +32,39 @@ def solvers(as_json: arg.AsJson = False) -> None:
     for row in solver_rows():
         table.add_row(row.name, facts(row))
     console.print(table)
+
+
+@dataclass(frozen=True)
+class SolverRow:
+    """One solver in words, as it declares itself."""
+
+    name: str  # as `cp.NAME()` and, in any case of letters, for ``--solver``
+    kinds: str  # of constraints that it takes
+    redundant: str  # what it makes of redundant rows, and of states where rows become so
+    cost: str
+    use: str
+    parameters: str  # its fields with their defaults, one a line; None is found on the scene
+
+
+def solver_rows() -> tuple[SolverRow, ...]:
+    """Return a row for every solver."""
+    from condyn_pin.dynamics.solvers import SOLVERS
+    from condyn_pin.dynamics.solvers.base import parameter_fields
+    from condyn_pin.dynamics.workspace import kinds_of
+
+    rows = []
+    for kind in SOLVERS.values():
+        singular = "mu > 0, else singular" if hasattr(kind, "mu") else "singular"
+        default = kind()
+        values = ((f.name, getattr(default, f.name)) for f in parameter_fields(kind))
+        rows.append(
+            SolverRow(
+                kind.__name__,
+                kinds_of(kind),
+                "yes" if kind.takes_redundant else singular,
+                kind.cost,
+                kind.use,
+                "\n".join(f"{name}={value!r}" for name, value in values),
+            )
+        )
+    return tuple(rows)

@@ -8,15 +8,15 @@
    milliseconds.
 3. `answer(workspace, state, truth, accuracy)` lets a method answer one state, and returns an
    `Answer`. `workspace` is what `open(scene, method)` returned: that of a solver, unless the
-   measure overrides it; then `asks` and `methods` say what it asks, and `scenes_of` which scenes
-   the name of a robot stands for. An answer that is not finite has an infinite error. A
-   `CondynError` that is raised counts as a refusal, and its text is kept.
+   measure overrides it; then `asks` is the type of its methods, `methods` their registry, and
+   `scenes_of` has the scenes that the name of a robot stands for. An answer that is not finite has
+   an infinite error. A `CondynError` that is raised counts as a refusal, and its text is kept.
 4. `calls(workspace)` returns what is timed, each called with (q, v, tau): "once", what a user of
    this measure would call; and, where they exist, "bare", Pinocchio's own call behind it, and
    "solve", with the proof. None of them may raise at a state that `answer` took.
 5. Parameters that change the question are in `label`, by default all: rows of one label compare
    with each other. Those that belong to the answer, such as a step size, are in `how`.
-6. A relative error is relative to something that cannot be zero by accident, and says so.
+6. A relative error is relative to something that cannot be zero by accident, and named.
 """
 
 from __future__ import annotations
@@ -90,8 +90,8 @@ class Measure(ABC):
 
     name: ClassVar[str]
     sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of parameters that are worth a look
-    asks: ClassVar[type] = Solver
-    methods: ClassVar[Methods] = SOLVERS  # the registry of what it asks
+    asks: ClassVar[type] = Solver  # type of its methods
+    methods: ClassVar[Methods] = SOLVERS  # their registry
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

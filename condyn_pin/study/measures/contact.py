@@ -95,7 +95,7 @@ class ContactMeasure(Measure):
     def open(self, scene: Scene, method: ContactSolver) -> ContactBench:
         """Return a contact solver with the scene, its problems not built yet."""
         if not scene.contacts:
-            raise InvalidArgument("the scene has no contacts that may let go: Scene(contacts=...)")
+            raise InvalidArgument("the scene has no contacts that may open: Scene(contacts=...)")
         if self.integrator.law not in method.laws:
             raise InvalidArgument(
                 f"{self.integrator.title} poses the {self.integrator.law}, and {method.title} "
@@ -114,13 +114,16 @@ class ContactMeasure(Measure):
         problem, solver = self._posed(workspace, state), workspace.solver
         found, natural = attempt_contact(problem, solver, None, _goal(solver))
         solution = judged(problem, found, natural, accuracy, solve_time=0.0)
-        least = workspace.scene.robot.mass * (self._gravity(workspace.scene) * self.dt) ** 2
+        robot = workspace.scene.robot
+        gravity = float(np.linalg.norm(robot.model.gravity.linear))
+        least = robot.mass * (gravity * self.dt) ** 2
         lost, error = inf, inf
         if np.isfinite(solution.lam).all():
-            lost, error = min(
-                (_distance(problem, solution.lam, other, least) for other in
-                 (truth, *_polished(problem, solution.lam))), key=lambda pair: pair[1],
-            )  # fmt: skip
+            polished = _NEWTON.attempt(problem, solution.lam).lam
+            exact = natural_residual(problem, polished) <= _EXACT
+            others = (truth, polished) if exact else (truth,)
+            distances = (_distance(problem, solution.lam, other, least) for other in others)
+            lost, error = min(distances, key=lambda pair: pair[1])
         return Answer(
             error=error,
             status=solution.status.name.lower(),
@@ -152,9 +155,6 @@ class ContactMeasure(Measure):
     def _problem(self, scene: Scene, state: State) -> ContactProblem:
         return contact_problem(scene, *state, dt=self.dt, integrator=self.integrator)
 
-    def _gravity(self, scene: Scene) -> float:
-        return float(np.linalg.norm(scene.robot.model.gravity.linear))
-
 
 def feet_on_the_floor(robot: Robot) -> Mapping[str, Scene]:
     """Return a robot with its loops on its feet, by label, with a friction of 0.7."""
@@ -169,12 +169,6 @@ def feet_on_the_floor(robot: Robot) -> Mapping[str, Scene]:
 def _goal(solver: ContactSolver) -> float:
     """Required accuracy of the contact solve: the solver's own tolerance, if it is larger."""
     return max(getattr(solver, "tolerance", 0.0), tolerances.CONTACT_SOLVED)
-
-
-def _polished(problem: ContactProblem, lam: Array) -> tuple[Array, ...]:
-    """Exact impulses by Newton's method from lam; empty if it does not converge."""
-    found = _NEWTON.attempt(problem, lam).lam
-    return (found,) if natural_residual(problem, found) <= _EXACT else ()
 
 
 def _distance(

@@ -76,7 +76,7 @@ class TrajectoryMeasure(Measure):
     Of q relative to the larger of the distance moved and that of a free fall, of v relative to the
     larger of |v|_inf and the speed of a free fall; the larger of the two. The truth is the same
     motion by an adaptive method of order 8 with tolerances of rounding, and without drift control.
-    With contacts that may let go it is that of `Moreau` in 5000 steps: an error below some 1e-3 is
+    With contacts that may open it is that of `Moreau` in 5000 steps: an error below some 1e-3 is
     not known, for every scheme that lets contacts close is of first order.
 
     In a row of this measure `constraint_error` is the largest gap of a constraint, or penetration,
@@ -149,6 +149,8 @@ class TrajectoryMeasure(Measure):
         off = np.array(pin.difference(model, q, motion.q[-1]))
         way = np.array(pin.difference(model, state[0], q))
         gravity = workspace.held.scene.nominal.estimator.gravity
+        gaps = motion.gaps.values()
+        penetration = max((_largest(np.minimum(gap, 0.0)) for gap in gaps), default=0.0)
         return Answer(
             error=max(
                 relative(way + off, way, gravity * self.duration**2 / 2),
@@ -156,7 +158,7 @@ class TrajectoryMeasure(Measure):
             ),
             status="ok" if motion.run.status.ok else motion.run.status.name.lower(),
             dynamics_error=_largest(motion.energy.error),
-            constraint_error=max(_largest(motion.violation), _penetration(motion)),
+            constraint_error=max(_largest(motion.violation), penetration),
             iterations=len(motion.t) - 1,
         )
 
@@ -198,11 +200,6 @@ def _end(scene: Scene, duration: float, q: bytes, v: bytes, tau: bytes) -> Array
     if not uninterrupted(motion).run.status.ok:
         raise InvalidArgument(f"duration = {duration!r}: no converged motion: {motion.run.reason}")
     return np.concatenate([motion.q[-1], motion.v[-1]])
-
-
-def _penetration(motion: Trajectory) -> float:
-    """Deepest penetration of contacts and joint stops in a motion [m, rad]."""
-    return max((_largest(np.minimum(gap, 0.0)) for gap in motion.gaps.values()), default=0.0)
 
 
 def _largest(x: Array) -> float:

@@ -110,18 +110,21 @@ def _of_loops(
     here = _our_loops(workspace, q, terms.J)
     there = _with_hinges(theirs.loops, workspace, here)
     groups, notes = _paired(here, there)
-    found = [
-        _of_gap(name, here[name].violation, there[name].violation) for name in here if name in there
-    ]
+    found = []
+    for name in (name for name in here if name in there):
+        ours, others = here[name].violation, there[name].violation
+        apart = float(np.abs(np.subtract(ours, others)).max())
+        found.append(TermCheck("gap", apart, name, ours.size, others.size))
     whitened = np.linalg.inv(np.linalg.cholesky(terms.M)).T
-    for name, ours, others in groups:
+    for name, mine, yours in groups:
         # of a gear, one row, J does not depend on q
-        found_gaps = (rows.violation for rows in (*ours, *others) if len(rows.J) > 1)
+        found_gaps = (rows.violation for rows in (*mine, *yours) if len(rows.J) > 1)
         open_by = max(found_gaps, key=lambda gap: gap.size, default=ConstraintViolation(0.0, 0.0))
         if open_by.size > tolerances.CLOSED:
             notes.append(f"J of {name} was not compared: it is open by {open_by}")
         else:
-            found.append(_of_rows(name, _stacked(ours, whitened), _stacked(others, whitened)))
+            A, B = _stacked(mine, whitened), _stacked(yours, whitened)
+            found.append(TermCheck("J", max(_beyond(A, B), _beyond(B, A)), name, None, None))
     return found, notes
 
 
@@ -169,18 +172,8 @@ def _our_loops(workspace: Workspace, q: Array, J: Array) -> dict[str, LoopRows]:
     return found
 
 
-def _of_gap(name: str, here: ConstraintViolation, there: ConstraintViolation) -> TermCheck:
-    apart = float(np.abs(np.subtract(here, there)).max())
-    return TermCheck("gap", apart, name, here.size, there.size)
-
-
 def _stacked(loops: Sequence[LoopRows], whitened: Array) -> Array:
     return np.vstack([np.zeros((0, len(whitened))), *(rows.J @ whitened for rows in loops)])
-
-
-def _of_rows(name: str, here: Array, there: Array) -> TermCheck:
-    error = max(_beyond(here, there), _beyond(there, here))
-    return TermCheck("J", error, name, None, None)
 
 
 def _beyond(A: Array, B: Array) -> float:
@@ -215,7 +208,7 @@ def _beside(bridge: MujocoBridge) -> Iterator[str]:
         listed_off = listed([name for name, number in off.items() if number])
         yield f"switched off in MuJoCo for this: {listed_off}"
     if mj.neq:
-        yield "equalities give way in MuJoCo: accelerations with closed loops are not compared"
+        yield "equalities are soft in MuJoCo: accelerations with closed loops are not compared"
         unlike = mj.neq - len(equalities_of(mj))
         if unlike:
             yield f"{unlike} equalities other than connect, weld and joint were not compared"
