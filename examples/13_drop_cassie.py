@@ -9,7 +9,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin.contact import ADMM
-from condyn_pin.viewing import plots_contact
+from condyn_pin.viewing import plots
 
 quick, show = "--quick" in sys.argv, "--no-view" not in sys.argv
 cassie = cp.load_robot("cassie", variant={"feet": "points"})
@@ -48,6 +48,6 @@ print(f"deepest penetration {deepest:.1e} m, loops open by {run.violation.max():
 print(f"contacts took {-energy.contact[-1]:.2f} J, damping {-energy.damping[-1]:.2f} J")
 
 if show:
-    plots_contact.modes(run).figure.savefig("cassie_modes.png")
+    plots.modes(run).figure.savefig("cassie_modes.png")
     cp.view(run, cones=True, light=True)
 print(f"Coulomb's law in every step: error {run.contact.natural.max():.0e}")

@@ -9,7 +9,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin.constraints import Plane
-from condyn_pin.viewing import plots_contact
+from condyn_pin.viewing import plots
 
 quick, show = "--quick" in sys.argv, "--no-view" not in sys.argv
 solo = cp.load_robot("solo12")
@@ -67,6 +67,6 @@ carried = sum(contact @ axes.T for contact, axes in (
     for name, force in run.forces.items()))  # fmt: skip
 print(f"all feet carry {carried.round(3)} N of a weight of {9.81 * solo.mass:.3f} N")
 if show:
-    plots_contact.modes(run).figure.savefig("slope_modes.png")
+    plots.modes(run).figure.savefig("slope_modes.png")
     cp.view(run, cones=True, light=True)
 print(f"Coulomb's law in every step: error {run.contact.natural.max():.0e}")

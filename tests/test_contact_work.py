@@ -19,7 +19,7 @@ from condyn_pin.contact import SemismoothNewton
 from condyn_pin.dynamics import contact_gaps
 from condyn_pin.model import free_ball, free_box
 from condyn_pin.stepping import Anitescu, Moreau, SoftStep, StewartTrinkle
-from condyn_pin.viewing import plots_motion
+from condyn_pin.viewing import plots
 
 G = 9.81  # [m/s^2]
 EXACT = SemismoothNewton()
@@ -242,7 +242,7 @@ def test_files_and_tables_have_every_part(tmp_path: Path) -> None:
     read = cp.Trajectory.load(tmp_path / "run.npz")
     for part in ("contact", "correction", "algorithmic"):
         assert np.array_equal(getattr(read.energy, part), getattr(run.energy, part))
-    labels = [text.get_text() for text in plots_motion.energy(run).get_legend().get_texts()]
+    labels = [text.get_text() for text in plots.energy(run).get_legend().get_texts()]
     assert {"contacts", "corrections"} <= set(labels)
     run.to_csv(tmp_path / "run.csv")
     heading = (tmp_path / "run.csv").read_text().partition("\n")[0]

@@ -14,7 +14,7 @@ import condyn_pin as cp
 from condyn_pin import constraints as c
 from condyn_pin.control import balance
 from condyn_pin.simulation import motion_balance
-from condyn_pin.viewing import plots_balance
+from condyn_pin.viewing import plots
 
 mpl.use("Agg")
 
@@ -119,10 +119,10 @@ def test_margins_and_corners_are_said():
 def test_axes_that_share_x_have_one_title_and_one_word_for_it():
     from matplotlib.figure import Figure
 
-    from condyn_pin.viewing import plots_contact
+    from condyn_pin.viewing import plots
 
     run, axes = sliding(), Figure().subplots(3, sharex=True)
-    plots = (plots_contact.normal_forces, plots_contact.gaps, plots_contact.modes)
+    plots = (plots.normal_forces, plots.gaps, plots.modes)
     for draw, ax in zip(plots, axes, strict=True):
         draw(run, ax=ax)
     assert [bool(ax.get_title()) for ax in axes] == [True, False, False]
@@ -134,26 +134,26 @@ def test_diagrams_show_what_was_found():
 
     run, found = sliding(), motion_balance(sliding())
     above, over_time = Figure().subplots(1, 2)
-    assert plots_balance.from_above(run, above) is above
+    assert plots.from_above(run, above) is above
     ways = {drawn.get_label(): drawn.get_xydata() for drawn in above.lines}
     assert np.array_equal(ways["ZMP"], found.zmp[:, :2], equal_nan=True)
     assert np.array_equal(ways["capture point"], found.capture_point[:, :2], equal_nan=True)
     assert above.get_aspect() == 1.0
     assert len(above.patches) > 3  # the support moves with the box
-    plots_balance.margins(run, over_time, found=found)
+    plots.margins(run, over_time, found=found)
     drawn = {each.get_label(): each.get_ydata() for each in over_time.lines}
     assert np.array_equal(drawn["CoP"], found.cop_margin, equal_nan=True)
     assert "[m]" in over_time.get_ylabel()
 
 
-@pytest.mark.parametrize("draw", [plots_balance.from_above, plots_balance.margins])
+@pytest.mark.parametrize("draw", [plots.from_above, plots.margins])
 @pytest.mark.parametrize("ax", [3, "upper", np.zeros(2)])
 def test_what_is_no_axes_is_named(draw, ax):
     with pytest.raises(cp.InvalidArgument, match=r"ax = .*: axes of matplotlib are needed"):
         draw(sliding(), ax)
 
 
-@pytest.mark.parametrize("draw", [plots_balance.from_above, plots_balance.margins])
+@pytest.mark.parametrize("draw", [plots.from_above, plots.margins])
 def test_the_balance_of_another_motion_is_not_drawn(draw):
     run, found = sliding(), motion_balance(sliding())
     for other in (replace(found, t=found.t[:-1]), 3):

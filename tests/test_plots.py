@@ -8,7 +8,7 @@ import pytest
 
 import condyn_pin as cp
 from condyn_pin._core import show
-from condyn_pin.viewing import plots_contact, plots_motion, plots_scene
+from condyn_pin.viewing import plots
 
 pytestmark = pytest.mark.once
 
@@ -39,7 +39,7 @@ def test_no_two_lines_are_alike():
 
 
 def test_violation_is_that_of_the_motion(swinging, ax):
-    assert plots_motion.violation(swinging, ax) is ax
+    assert plots.violation(swinging, ax) is ax
     drawn = lines(ax)
     assert np.array_equal(drawn["max |c(q)| [m, rad]"], np.maximum(swinging.violation, 1e-17))
     assert np.array_equal(
@@ -50,7 +50,7 @@ def test_violation_is_that_of_the_motion(swinging, ax):
 
 
 def test_energies_add_up(swinging, ax):
-    plots_motion.energy(swinging, ax)
+    plots.energy(swinging, ax)
     drawn = lines(ax)
     total = drawn["kinetic"] + drawn["potential, from the start"]
     assert np.allclose(total - total[0], drawn["total, from the start"])
@@ -59,12 +59,12 @@ def test_energies_add_up(swinging, ax):
 
 
 def test_forces_have_their_size(swinging, ax):
-    plots_motion.forces(swinging, ax=ax)
+    plots.forces(swinging, ax=ax)
     (name,) = swinging.forces
     norm = np.linalg.norm(swinging.forces[name][:, :3], axis=1)
     assert np.array_equal(lines(ax)[name], norm)
     with pytest.raises(cp.errors.UnknownName, match="nothing"):
-        plots_motion.forces(swinging, ["nothing"])
+        plots.forces(swinging, ["nothing"])
 
 
 @pytest.fixture(scope="module")
@@ -79,11 +79,11 @@ def test_panels_above_one_another_have_a_legend_once(standing):
     from matplotlib.figure import Figure
 
     gaps, forces = Figure().subplots(2, sharex=True)
-    plots_contact.gaps(standing, ax=gaps)
-    plots_contact.normal_forces(standing, ax=forces)
+    plots.gaps(standing, ax=gaps)
+    plots.normal_forces(standing, ax=forces)
     assert len(gaps.get_legend().get_texts()) == 4
     assert forces.get_legend() is None
-    assert plots_contact.normal_forces(standing, ax=Figure().subplots()).get_legend()
+    assert plots.normal_forces(standing, ax=Figure().subplots()).get_legend()
 
 
 def test_names_of_contacts_are_within_the_picture():
@@ -91,7 +91,7 @@ def test_names_of_contacts_are_within_the_picture():
     floor = cp.Scene(talos, contacts=talos.frictional_contacts(friction=0.7))
     q, v = floor.state()
     run = cp.simulate(floor, cp.mechanism.put_down(floor, q), v, duration=0.002, dt=1e-3)
-    ax = plots_contact.modes(run)
+    ax = plots.modes(run)
     ax.figure.canvas.draw()
     assert min(label.get_window_extent().x0 for label in ax.get_yticklabels()) >= 0.0
     assert ax.get_axisbelow() is True  # no grid over the bars
@@ -102,15 +102,15 @@ def test_singular_values_dip_at_a_dead_point(ax):
     scene = cp.Scene(bar, bar.loops)
     q, _ = scene.state()
     path = np.array([q, scene.assemble(q + 0.05).q])
-    plots_scene.singular_values(scene, path, along=[0.0, 1.0], ax=ax)
+    plots.singular_values(scene, path, along=[0.0, 1.0], ax=ax)
     drawn = np.array([line.get_ydata() for line in ax.lines])
     assert drawn.shape == (3, 2)  # a row out of the plane of the bars is redundant
     assert np.array_equal(drawn[:, 0], np.maximum(scene.rank(q).singular_values, 1e-17))
     assert drawn[-1].max() < 1e-7 < drawn[1].min()
     with pytest.raises(cp.InvalidArgument, match="no rows"):
-        plots_scene.singular_values(cp.Scene(bar), path)
+        plots.singular_values(cp.Scene(bar), path)
     with pytest.raises(cp.InvalidArgument, match="one number a configuration"):
-        plots_scene.singular_values(scene, path, along=[0.0])
+        plots.singular_values(scene, path, along=[0.0])
 
 
 def test_sparsity_shows_what_is_not_zero(ax):
@@ -118,7 +118,7 @@ def test_sparsity_shows_what_is_not_zero(ax):
     scene = cp.Scene(talos, [cp.SurfaceContact("left_sole_link")])
     q, v = scene.state()
     d = cp.derivatives(scene, q, v, np.zeros(talos.nv))
-    plots_scene.sparsity(d, ax)
+    plots.sparsity(d, ax)
     (marks,) = (line for line in ax.lines if len(line.get_xdata()) > 2)
     columns, rows = marks.get_xdata(), marks.get_ydata()
     seen = np.zeros((scene.rows + talos.nv, 3 * talos.nv), dtype=bool)

@@ -16,7 +16,7 @@ from viewed import bent, cassie, drawing, held, parts, standing, swinging
 import condyn_pin as cp
 from condyn_pin.io import meshes
 from condyn_pin.io.shapes import shapes_of
-from condyn_pin.viewing import bodies, labels, marks
+from condyn_pin.viewing import bodies, marks
 from condyn_pin.viewing import part as palette
 from condyn_pin.viewing.motion import shown, tracks
 from condyn_pin.viewing.part import span
@@ -287,13 +287,13 @@ def test_a_robot_that_is_drawn_in_part_is_seen_whole_and_above_the_floor(tmp_pat
 @pytest.mark.parametrize("name", ["cassie", "talos", "stewart", "delta", "five_bar"])
 def test_labels_do_not_cover_one_another(name):
     found = drawing(held(name))
-    at, eye = found.instants[0], labels.Camera(np.array([1.0, 0.0, 0.0]), np.zeros(3))
+    at, eye = found.instants[0], marks.Camera(np.array([1.0, 0.0, 0.0]), np.zeros(3))
     assert np.allclose(eye.axes, [[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # right, up, backward
     eye = found.eye
     boxes = {p.path: eye.box(p.place(at), np.zeros(2)) for p in found.parts if p.picture}
     assert len(boxes) > 3
     for one, other in combinations(boxes, 2):
-        assert not labels.overlap(boxes[one], boxes[other]), (one, other)
+        assert not marks.overlap(boxes[one], boxes[other]), (one, other)
 
 
 def test_a_label_that_had_to_move_is_led_back_to_its_point():

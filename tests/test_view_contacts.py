@@ -1,4 +1,4 @@
-"""Pictures and diagrams of contacts that may let go."""
+"""Pictures and diagrams of contacts that may open."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from viewed import drawing, parts
 import condyn_pin as cp
 from condyn_pin import constraints as c
 from condyn_pin.viewing import part as palette
-from condyn_pin.viewing import plots_contact, plots_motion
+from condyn_pin.viewing import plots
 from condyn_pin.viewing.motion import tracks
 
 mpl.use("Agg")
@@ -271,7 +271,7 @@ def lines(ax):
 
 
 def test_gaps_are_those_of_the_motion(ax):
-    assert plots_contact.gaps(dropped(), ax=ax) is ax
+    assert plots.gaps(dropped(), ax=ax) is ax
     drawn = lines(ax)
     for name in CORNERS:
         assert np.array_equal(drawn[name], dropped().gaps[name])
@@ -279,7 +279,7 @@ def test_gaps_are_those_of_the_motion(ax):
 
 
 def test_normal_forces_carry_the_weight(ax):
-    plots_contact.normal_forces(sliding(), BELOW, ax)
+    plots.normal_forces(sliding(), BELOW, ax)
     drawn = lines(ax)
     assert list(drawn) == BELOW
     assert np.allclose(sum(drawn.values())[1:], 9.81, rtol=1e-6)
@@ -292,13 +292,13 @@ def test_a_stop_has_a_normal_force(ax):
     joint = arm.joints[0]
     scene = cp.Scene(arm, contacts=[c.JointLimit(joint)])
     motion = cp.simulate(scene, np.zeros(1), np.full(1, -3.0), duration=0.1, dt=1e-3)
-    plots_contact.normal_forces(motion, [f"{joint}/lower"], ax)
+    plots.normal_forces(motion, [f"{joint}/lower"], ax)
     assert lines(ax)[f"{joint}/lower"].max() > 0.0
 
 
 def test_bars_cover_the_time_without_overlap(ax):
     motion = sliding()
-    plots_contact.modes(motion, BELOW[:1], ax)
+    plots.modes(motion, BELOW[:1], ax)
     spans = sorted(
         (path.vertices[:, 0].min(), path.vertices[:, 0].max())
         for bars in ax.collections for path in bars.get_paths()
@@ -311,20 +311,20 @@ def test_bars_cover_the_time_without_overlap(ax):
     assert [label.get_text() for label in ax.get_yticklabels()] == BELOW[:1]
 
 
-@pytest.mark.parametrize("plot", [plots_contact.gaps, plots_contact.normal_forces,
-                                  plots_contact.modes])  # fmt: skip
+@pytest.mark.parametrize("plot", [plots.gaps, plots.normal_forces,
+                                  plots.modes])  # fmt: skip
 def test_diagrams_say_what_they_cannot_draw(plot, ax):
     with pytest.raises(cp.errors.UnknownName, match="nothing"):
         plot(sliding(), ["nothing"], ax)
     bar = cp.model.four_bar()
     scene = cp.Scene(bar, bar.loops)
     still = cp.simulate(scene, *scene.state(), duration=0.01, dt=0.005)
-    with pytest.raises(cp.InvalidArgument, match="no contacts that may let go"):
+    with pytest.raises(cp.InvalidArgument, match="no contacts that may open"):
         plot(still, ax=ax)
 
 
 def test_energies_of_a_slide_have_the_work_of_friction(ax):
-    plots_motion.energy(sliding(), ax)
+    plots.energy(sliding(), ax)
     assert lines(ax)["contacts"][-1] == pytest.approx(-0.5 * 0.2**2, rel=1e-2)
 
 

@@ -7,12 +7,12 @@ from functools import cache
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.viewing.drawing import Look, drawing_of
+from condyn_pin.viewing.drawing import ViewOptions, drawing_of
 
 
 def drawing(subject, q=None, *, posture=None, t=None, speed=1.0, **look):
     """What `view` shows of a subject, without a page."""
-    return drawing_of(subject, q, posture=posture, t=t, speed=speed, look=Look(**look))
+    return drawing_of(subject, q, posture=posture, t=t, speed=speed, look=ViewOptions(**look))
 
 
 def parts(subject, *args, **options):

@@ -8,7 +8,7 @@ Nothing here knows a robot, a constraint or a scene. Nothing here is public but 
 """
 
 from collections.abc import Callable, Mapping
-from importlib import import_module
+from pkgutil import resolve_name
 from typing import Any
 from warnings import warn
 
@@ -32,7 +32,6 @@ def forward(
         if not (now := renamed.get(name)):
             return public(name)
         warn(f"{room}.{name} is condyn_pin.{now} now", DeprecationWarning, stacklevel=2)
-        place, _, member = now.rpartition(".")
-        return getattr(import_module(f"condyn_pin.{place}"), member)
+        return resolve_name(f"condyn_pin.{now}")
 
     return find

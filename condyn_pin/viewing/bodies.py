@@ -149,12 +149,11 @@ def _ellipsoid(inertia: Any, least: float) -> meshes.Mesh:
     return meshes.sphere(1.0).moved(T)
 
 
-# Contacts that may let go: their shapes and points, the planes they may touch, their cones.
+# Contacts that may open: their shapes and points, the planes they may touch, their cones.
 #
 # A point is grey while it is open, and told apart by its colour while it sticks and while it
-# slides;
-# a shape is what the worst of its points is. A cone holds the forces that friction can give,
-# |lam_t| <= mu lam_n; it is not seen while its contact is open.
+# slides; a shape is what the worst of its points is. A cone holds the forces that friction can
+# give, |lam_t| <= mu lam_n; it is not seen while its contact is open.
 
 
 _POINT = 0.012  # radius of a contact point, of the size of the scene
@@ -200,8 +199,8 @@ def touch_parts(
 
 def _folder(bound: BoundContact, instants: Sequence[Instant]) -> str:
     """Legend group of a contact: "touching" if its modes are known, else "candidates"."""
-    asked = any(mode for at in instants for mode in _modes(bound, at))
-    return "touching" if asked else "candidates"
+    known = any(mode for at in instants for mode in _modes(bound, at))
+    return "touching" if known else "candidates"
 
 
 def _modes(bound: BoundContact, at: Instant) -> set[str]:

@@ -15,7 +15,6 @@ from condyn_pin._core.arguments import check_flag, normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.control.answer import ControlAnswer
-from condyn_pin.control.balancing import Balance
 from condyn_pin.control.balancing import balance as balance_of
 from condyn_pin.control.inverse import InverseDynamics
 from condyn_pin.dynamics.nominal import described_posture
@@ -29,8 +28,8 @@ from condyn_pin.stepping.single_step import StepSolution
 from condyn_pin.viewing import part as three
 from condyn_pin.viewing.bodies import body_parts, lighter, touch_parts, with_coarse
 from condyn_pin.viewing.instant import Instant, PlottedForce, extent, instant, plane_normal, touched
-from condyn_pin.viewing.labels import Camera, spread
 from condyn_pin.viewing.marks import (
+    Camera,
     Maximum,
     arrow_parts,
     balance_notes,
@@ -42,6 +41,7 @@ from condyn_pin.viewing.marks import (
     legend_of,
     mass_parts,
     spacing,
+    spread,
     spring_parts,
 )
 from condyn_pin.viewing.motion import (
@@ -161,7 +161,7 @@ def draw(
     light : bool
         Draw the robot with 30 000 triangles at most.
     cones : bool
-        Draw the friction cones of contacts that may let go.
+        Draw the friction cones of contacts that may open.
     """
     robot = scenes[0].robot
     seen = [instants[0], *([] if before is None else [before])]
@@ -241,7 +241,7 @@ def _worst(gaps: Iterable[Mapping[str, ConstraintViolation]]) -> dict[str, Const
     worst: dict[str, ConstraintViolation] = {}
     for each in gaps:
         for name, gap in each.items():
-            worst[name] = max(worst.get(name, gap), gap, key=lambda of: of.size)
+            worst[name] = max(worst.get(name, gap), gap, key=lambda gap: gap.size)
     return worst
 
 
@@ -270,7 +270,7 @@ _FPS = 30.0  # [1/s]
 
 
 @dataclass(frozen=True)
-class Look:
+class ViewOptions:
     """Drawing options of a subject; `view` has the meaning of each flag."""
 
     forces: bool = True
@@ -283,7 +283,7 @@ class Look:
             check_flag(flag.name, getattr(self, flag.name))
 
 
-_USUAL = Look()
+_DEFAULT = ViewOptions()
 
 
 def drawing_of(
@@ -293,7 +293,7 @@ def drawing_of(
     posture: str | None = None,
     t: float | None = None,
     speed: float = 1.0,
-    look: Look = _USUAL,
+    look: ViewOptions = _DEFAULT,
 ) -> Drawing:
     """Return the drawing of a subject, as `view` shows it, without a page."""
     _check(subject, t, look)
@@ -311,7 +311,7 @@ def drawing_of(
     return _answer(subject, look)
 
 
-def _check(subject: Subject, t: float | None, look: Look) -> None:
+def _check(subject: Subject, t: float | None, look: ViewOptions) -> None:
     """Refuse subjects that cannot be drawn, and options that a subject does not have."""
     if not isinstance(subject, Subject):
         if isinstance(subject, str):
@@ -333,7 +333,7 @@ def _check(subject: Subject, t: float | None, look: Look) -> None:
         raise InvalidArgument(f"t: a {type(subject).__name__} is not a motion, and has no times")
 
 
-def _scene(scene: Scene, q: ArrayLike | None, posture: str | None, look: Look) -> Drawing:
+def _scene(scene: Scene, q: ArrayLike | None, posture: str | None, look: ViewOptions) -> Drawing:
     """Return the drawing of a scene in a configuration, or in a posture."""
     at, name = _configuration(scene, q, posture)
     title = f"{scene.robot.name}, {name}" if name else scene.robot.name
@@ -353,7 +353,9 @@ def _configuration(scene: Scene, q: ArrayLike | None, posture: str | None) -> tu
         return described_posture(scene, posture), f"{name}, as described: it cannot be closed"
 
 
-def _answer(subject: Solution | InverseDynamics | ControlAnswer | Assembly, look: Look) -> Drawing:
+def _answer(
+    subject: Solution | InverseDynamics | ControlAnswer | Assembly, look: ViewOptions
+) -> Drawing:
     """Return the drawing of an answer at its state, with its forces; of an assembly, its start."""
     scene, said, before = subject.scene, "inverse dynamics", None
     acting = subject.forces if look.forces and not isinstance(subject, Assembly) else {}
@@ -364,20 +366,15 @@ def _answer(subject: Solution | InverseDynamics | ControlAnswer | Assembly, look
     elif isinstance(subject, Assembly):
         said = f"assembled: {subject.status.name.lower().replace('_', ' ')}"
         before = instant(scene, subject.start)
-    pressing = _balance(subject) if look.balance and isinstance(subject, ControlAnswer) else None
+    pressing = None
+    if look.balance and isinstance(subject, ControlAnswer) and np.isfinite(subject.lam).all():
+        pressing = balance_of(subject.scene, subject.q, subject.v, subject.a, subject.lam)
     at = instant(scene, subject.q, acting, balance=pressing)
     title = f"{scene.robot.name}, {said}"
     return draw([scene], [at], title=title, before=before, light=look.light, cones=look.cones)
 
 
-def _balance(answer: ControlAnswer) -> Balance | None:
-    """Balance of an answer; None if it has none."""
-    if not np.isfinite(answer.lam).all():
-        return None
-    return balance_of(answer.scene, answer.q, answer.v, answer.a, answer.lam)
-
-
-def _step(step: StepSolution, look: Look) -> Drawing:
+def _step(step: StepSolution, look: ViewOptions) -> Drawing:
     """Return the drawing of a step at its end, with the mean forces in it."""
     scene, q = step.scene, step.q
     acting = Sites(scene, q).forces(step.lam / step.dt) if look.forces else {}
@@ -386,7 +383,7 @@ def _step(step: StepSolution, look: Look) -> Drawing:
     return draw([scene], [at], title=title, light=look.light, cones=look.cones)
 
 
-def _sample(trajectory: Trajectory, t: float, look: Look) -> Drawing:
+def _sample(trajectory: Trajectory, t: float, look: ViewOptions) -> Drawing:
     """Return the drawing of one sample of a motion."""
     start, end = trajectory.t[[0, -1]]
     if not start <= finite("t", t, ()) <= end:
@@ -398,7 +395,7 @@ def _sample(trajectory: Trajectory, t: float, look: Look) -> Drawing:
     return draw(scenes, instants, title=title, light=look.light, cones=look.cones)
 
 
-def _motion(trajectory: Trajectory, speed: float, look: Look) -> Drawing:
+def _motion(trajectory: Trajectory, speed: float, look: ViewOptions) -> Drawing:
     """Return the drawing of a whole motion."""
     scenes = [phase.scene for phase in trajectory.phases]
     fps = _FPS / speed  # pictures for each second of the motion
@@ -531,11 +528,15 @@ def page(
     speed : float
         Seconds of a motion that are played in one second.
     """
-    lines = [_patch(colour) + html.escape(text) for colour, text in legend]
+    lines = [
+        (f"<b style='background: {colour}'></b>" if colour else "") + html.escape(text)
+        for colour, text in legend
+    ]
+    script = (require_meshcat() / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
     return _PAGE.format(
         title=html.escape(title),
         legend="<br>".join(lines),
-        script=_script(),
+        script=script.replace("</script", "<\\/script"),  # no text of it ends the element
         lamp=_LAMP,
         viewer=_VIEWER,
         commands="\n".join(f'draw("{packed(command)}");' for command in commands),
@@ -552,10 +553,6 @@ def _y_up(point: Array) -> list[float]:
     return [x, z, -y]
 
 
-def _patch(colour: str) -> str:
-    return f"<b style='background: {colour}'></b>" if colour else ""
-
-
 def require_meshcat() -> Path:
     """Return the folder of meshcat, which is not imported, or raise MissingExtra."""
     found = importlib.util.find_spec("meshcat")
@@ -565,9 +562,3 @@ def require_meshcat() -> Path:
         if importlib.util.find_spec(module) is None:
             raise MissingExtra(_MISSING)
     return Path(found.submodule_search_locations[0])
-
-
-def _script() -> str:
-    """Script of meshcat's viewer, escaped so that no text of it ends the <script> element."""
-    path = require_meshcat() / "viewer" / "dist" / "main.min.js"
-    return path.read_text(encoding="utf-8").replace("</script", "<\\/script")

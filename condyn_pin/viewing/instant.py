@@ -87,7 +87,7 @@ def instant(
     )
 
 
-# Touching: where a contact that may let go is now, how it touches, and what it feels.
+# Touching: where a contact that may open is now, how it touches, and its force.
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,4 +1,4 @@
-"""Marks: arrows, closures, patches, balance, and their legend.
+"""Marks: arrows, closures, patches, balance, their legend, and labels.
 
 Marks on every scene: joints, spring-dampers, the centre of mass, and the floor.
 
@@ -11,12 +11,13 @@ camera.
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import partial
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 from operator import methodcaller
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -27,16 +28,17 @@ from condyn_pin.constraints.base import Patch
 from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.control.balancing import Balance
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import ConstraintForce
 from condyn_pin.io import meshes
 from condyn_pin.model.robot import Robot
 from condyn_pin.viewing import part as palette
-from condyn_pin.viewing.instant import Instant
-from condyn_pin.viewing.labels import label
+from condyn_pin.viewing.instant import ContactView, Instant
 from condyn_pin.viewing.part import (
     ACTUATED,
     AXES,
     CONTACT,
     FORCE,
+    GHOST,
     GRID,
     MASS,
     MOMENT,
@@ -154,18 +156,8 @@ class Maximum(NamedTuple):
     moment: float  # [N m]
 
 
-class _Acting(Protocol):
-    """A force with its body and its point of application: of a constraint, or of a contact."""
-
-    @property
-    def at(self) -> Array: ...
-
-    @property
-    def on(self) -> str: ...
-
-    def in_world(self) -> Array: ...
-
-    def on_other(self) -> _Acting: ...
+# A force with its body and its point of application.
+_Acting: TypeAlias = ConstraintForce | ContactView
 
 
 @dataclass(frozen=True, eq=False)
@@ -173,14 +165,14 @@ class _Arrow:
     """A vector of a constraint or a contact: the force or the moment on one of its bodies."""
 
     name: str
-    of: Callable[[Instant], _Acting | None]
+    acting: Callable[[Instant], _Acting | None]
     part: slice  # of the six numbers
     unit: str
     colour: Colour
 
     def vector(self, at: Instant) -> tuple[Array, Array] | None:
         """Return its start [m] and the vector [N, N m] in world axes; None if it is not seen."""
-        force = self.of(at)
+        force = self.acting(at)
         if force is None:
             return None
         vector = force.in_world()[self.part]
@@ -188,9 +180,8 @@ class _Arrow:
 
     def most(self, instants: Sequence[Instant], peaks: Mapping[str, Maximum]) -> tuple[float, str]:
         """Return its largest norm [N, N m], and the body that it acts on; zero if never seen."""
-        found = [
-            (float(np.linalg.norm(v[1])), self.of(at)) for at in instants if (v := self.vector(at))
-        ]
+        seen = [(self.vector(at), self.acting(at)) for at in instants]
+        found = [(float(np.linalg.norm(vector[1])), force) for vector, force in seen if vector]
         largest, force = max(found, key=lambda each: each[0], default=(0.0, None))
         if force is None:
             return 0.0, ""
@@ -231,10 +222,13 @@ def arrow_parts(
     peaks : mapping of str to Maximum
         Of a motion: the largest force and moment of each constraint and contact, drawn or not.
     """
-    arrows = [arrow for c in scene.constraints if c.frames
-              for arrow in _arrows(c.name, between=len(c.frames) == 2)]  # fmt: skip
-    arrows += [arrow for bound in scene.contact_bounds for name, ground in bound.cones
-               for arrow in _touch_arrows(name, between=ground != 0)]  # fmt: skip
+    arrows: list[_Arrow] = []
+    for c in scene.constraints:
+        if c.frames:
+            held = partial(_force_of, c.name)
+            arrows += _arrows(c.name, held, between=len(c.frames) == 2, moment=True)
+    for name, ground in (cone for bound in scene.contact_bounds for cone in bound.cones):
+        arrows += _arrows(name, partial(_touch_of, name), between=ground != 0)
     most = {arrow: arrow.most(instants, peaks) for arrow in arrows}
     weight = scene.robot.mass * tolerances.GRAVITY  # [N]
     moves = len(instants) > 1
@@ -249,24 +243,24 @@ def arrow_parts(
                 yield from _drawn(arrow, words, body, _LARGEST * size / largest, size)
 
 
-def _arrows(name: str, *, between: bool) -> Iterator[_Arrow]:
-    def first(at: Instant) -> _Acting | None:
-        return at.forces.get(name)
-
+def _arrows(
+    name: str, first: Callable[[Instant], _Acting | None], *, between: bool, moment: bool = False
+) -> Iterator[_Arrow]:
+    """Arrows of a force on the first body, with its moment, and `between` two on the other."""
     linear, angular = slice(0, 3), slice(3, 6)
     yield _Arrow(name, first, linear, "N", FORCE)
-    yield _Arrow(name, first, angular, "N m", MOMENT)
+    if moment:
+        yield _Arrow(name, first, angular, "N m", MOMENT)
     if between:
         yield _Arrow(name, _other(first), linear, "N", REACTION)
 
 
-def _touch_arrows(name: str, *, between: bool) -> Iterator[_Arrow]:
-    def first(at: Instant) -> _Acting | None:
-        return at.touching.get(name)
+def _force_of(name: str, at: Instant) -> ConstraintForce | None:
+    return at.forces.get(name)
 
-    yield _Arrow(name, first, slice(0, 3), "N", FORCE)
-    if between:
-        yield _Arrow(name, _other(first), slice(0, 3), "N", REACTION)
+
+def _touch_of(name: str, at: Instant) -> ContactView | None:
+    return at.touching.get(name)
 
 
 def _other(first: Callable[[Instant], _Acting | None]) -> Callable[[Instant], _Acting | None]:
@@ -287,15 +281,12 @@ def _drawn(arrow: _Arrow, words: str, on: str, scale: float, size: float) -> Ite
     kind = "moments" if arrow.unit == "N m" else "forces"
     path = f"{kind}/{arrow.name}/on {on.replace('/', ' ')}"
     pose, tip = then(ends, lambda both: span(*both)), then(ends, lambda both: at_point(both[1]))
-    yield Part(path, pose, ((_unit_arrow(0.007 * size), arrow.colour),), on_top=True)
-    yield label(f"{path} label", words, arrow.colour, tip, 0.024 * size)
-
-
-def _unit_arrow(radius: float) -> meshes.Mesh:
-    """Return an arrow along z from 0 to 1."""
+    radius = 0.007 * size
     head = 2.2 * radius
     profile = [(0.0, 0.0), (radius, 0.0), (radius, 0.8), (head, 0.8), (0.0, 1.0)]
-    return meshes.turned(profile, 16)
+    shape = meshes.turned(profile, 16)  # along z from 0 to 1
+    yield Part(path, pose, ((shape, arrow.colour),), on_top=True)
+    yield label(f"{path} label", words, arrow.colour, tip, 0.024 * size)
 
 
 # Constraints: both frames of every loop, the patches of contacts, and gaps coloured by length.
@@ -337,7 +328,8 @@ def contact_parts(scene: Scene, size: float) -> Iterator[Part]:
         if patch is None:
             continue
         name = constraint.name
-        pose = then(methodcaller("robot_end", name), _turned if patch.turns else _there)
+        place = _turned if patch.turns else lambda end: at_point(end.translation)
+        pose = then(methodcaller("robot_end", name), place)
         shape = ((patch_mesh(patch), CONTACT),)
         yield Part(f"contacts/{name}/patch", pose, shape, opacity=0.8, on_top=True)
         if bound.meets:
@@ -346,10 +338,6 @@ def contact_parts(scene: Scene, size: float) -> Iterator[Part]:
 
 def _turned(end: Any) -> Array:
     return np.asarray(end.homogeneous)
-
-
-def _there(end: Any) -> Array:
-    return at_point(end.translation)
 
 
 def _gap(path: str, name: str, size: float) -> Part:
@@ -498,3 +486,139 @@ def legend_of(
             yield f"#{palette.number(colour):06x}", text
     yield "", f"squares of {squares:g} m"
     yield from (("", note) for note in notes)
+
+
+# Labels: text that faces the camera, without overlaps in its initial view.
+#
+# A label stands above its point. One that would cover another moves in the plane of the picture to
+# the nearest place that is free, and a thin line leads back to its point. Seen from elsewhere, and
+# later in a motion, labels keep these places beside their points.
+
+
+_PIXELS: Final = 30  # of the font's height
+_RIM: Final = 6  # [px]
+_ABOVE: Final = 0.9  # heights from a point to the middle of its label
+_INK: Final = 0.8  # of the height of a label: what its letters take
+_LINE: Final = 0.03  # of the height of a label: the radius of the line to its point
+_NEAR: Final = 1.1  # heights by which a label may be moved without a line
+
+
+def label(path: str, text: str, colour: Colour, pose: Pose, height: float) -> Part:
+    """Return a line of text above a point.
+
+    Parameters
+    ----------
+    pose : Pose
+        The point; a rotation is ignored.
+    height : float
+        Of a line [m].
+    """
+    png, width = _written(text, tuple(round(150 * x) for x in colour))
+
+    def above(T: Array) -> Array:
+        placed = np.diag([width * height, height, height, 1.0])
+        placed[:3, 3] = T[:3, 3] + (0.0, 0.0, _ABOVE * height)
+        return placed
+
+    return Part(path, then(pose, above), picture=png, on_top=True)
+
+
+@lru_cache(maxsize=256)
+def _written(text: str, colour: tuple[int, ...]) -> tuple[bytes, float]:
+    """Return a PNG of a text with a white rim, and its width over its height."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    font = ImageFont.load_default(size=_PIXELS)
+    left, _, right, _ = font.getbbox(text, stroke_width=3)
+    size = (round(right - left) + 2 * _RIM, _PIXELS + 3 * _RIM)
+    picture = Image.new("RGBA", size, (255, 255, 255, 0))
+    ImageDraw.Draw(picture).text(
+        (_RIM - left, 0.5 * size[1]), text, fill=(*colour, 255), font=font, anchor="lm",
+        stroke_width=3, stroke_fill=(255, 255, 255, 235),
+    )  # fmt: skip
+    file = io.BytesIO()
+    picture.quantize(32).save(file, "PNG")
+    return file.getvalue(), size[0] / size[1]
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Pose of the camera.
+
+    Attributes
+    ----------
+    at, target : (3,) array
+        Its position, and the point that it looks at [m].
+    """
+
+    at: Array  # [m]
+    target: Array  # [m]
+
+    @property
+    def axes(self) -> Array:
+        """Axes right, up and backward in the world, the rows of (3, 3)."""
+        back = (self.at - self.target) / np.linalg.norm(self.at - self.target)
+        right = np.cross([0.0, 0.0, 1.0], back)
+        right /= np.linalg.norm(right)
+        return np.array([right, np.cross(back, right), back])
+
+    def box(self, T: Array, shift: Array) -> Array:
+        """Return left, bottom, right, top in the picture of a label at T (4, 4) after a shift."""
+        x, y, z = self.axes @ (T[:3, 3] - self.at)
+        half = 0.5 * np.array([T[0, 0], _INK * T[1, 1]])
+        centre = np.array([x, y]) + shift
+        box: Array = np.concatenate([centre - half, centre + half]) / max(-z, 1e-9)
+        return box
+
+
+def spread(parts: Sequence[Part], first: Instant, eye: Camera) -> Iterator[Part]:
+    """Yield the parts, with labels moved so that none overlaps another at an instant."""
+    taken: list[Array] = []
+    for part in parts:
+        T = part.pose(first) if part.picture else None
+        if T is None:
+            yield part
+            continue
+        here = (np.zeros(2), eye.box(T, np.zeros(2)))
+        shift, box = next(_free(eye, T, taken), here)
+        taken.append(box)
+        if not shift.any():
+            yield part
+            continue
+        by = shift @ eye.axes[:2]
+        yield replace(part, pose=then(part.pose, partial(_moved, by=by)))
+        if np.linalg.norm(shift) > _NEAR * T[1, 1]:
+            yield _leader(part, by, _LINE * T[1, 1])
+
+
+def _free(eye: Camera, T: Array, taken: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
+    """Shifts (2,) [m] that free a label of overlaps, the nearest first, and its box there."""
+    width, height = T[0, 0], _INK * T[1, 1]
+    sides = np.array([0.0, 0.35, -0.35, 0.7, -0.7]) * width
+    steps = range(3 * len(taken) + 1)
+    shifts = [np.array([x, s * k * height]) for k in steps for s in (1, -1) for x in sides]
+    for shift in sorted(shifts, key=lambda each: float(np.hypot(0.6 * each[0], each[1]))):
+        box = eye.box(T, shift)
+        if not any(overlap(box, other) for other in taken):
+            yield shift, box
+
+
+def overlap(a: Array, b: Array) -> bool:
+    """True if two boxes of left, bottom, right, top overlap."""
+    return bool((a[:2] < b[2:]).all() and (b[:2] < a[2:]).all())
+
+
+def _moved(T: Array, by: Array) -> Array:
+    T = T.copy()
+    T[:3, 3] += by
+    return T
+
+
+def _leader(label: Part, by: Array, radius: float) -> Part:
+    """Leader line from the original position of a label to the shifted one."""
+
+    def line(T: Array) -> Array:
+        return span(T[:3, 3] - (0.0, 0.0, _ABOVE * T[1, 1]), T[:3, 3] + by)
+
+    rod = ((meshes.rod(radius, 1.0, 6), GHOST),)
+    return Part(f"{label.path} line", then(label.pose, line), rod, on_top=True)

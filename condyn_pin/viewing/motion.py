@@ -16,12 +16,10 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.simulation.motion_balance import balances
-from condyn_pin.simulation.records import Phase
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing import part as three
 from condyn_pin.viewing.instant import Instant, PlottedForce, instant
-from condyn_pin.viewing.labels import Camera
-from condyn_pin.viewing.marks import Maximum
+from condyn_pin.viewing.marks import Camera, Maximum
 from condyn_pin.viewing.part import Part
 
 
@@ -56,8 +54,8 @@ def _moving(T: Array, frames: Array) -> list[dict[str, Any]]:
     scale = np.linalg.norm(T[:, :3, :3], axis=1)
     rotations = T[:, :3, :3] / scale[:, None, :]
     quaternions = np.array([pin.Quaternion(R).coeffs() for R in rotations])  # x y z w
-    for one, following in pairwise(quaternions):
-        if one @ following < 0.0:  # the other sign is the same rotation, and nearer
+    for before, following in pairwise(quaternions):
+        if before @ following < 0.0:  # the other sign is the same rotation, and nearer
             following *= -1.0
     moving = [
         three.track("position", "vector3", T[:, :3, 3], frames),
@@ -89,7 +87,8 @@ def instants_of(
     balanced = dict(zip(samples, balances(trajectory, samples), strict=True)) if balance else {}
     found, felt, modes = [], trajectory.forces if forces else {}, trajectory.modes
     for k in samples:
-        q, phase = trajectory.q[k], _phase(trajectory, k)
+        phase = next(p for p in trajectory.phases if p.samples.start <= k < p.samples.stop)
+        q = trajectory.q[k]
         lam = trajectory.lam[k, list(phase.columns)]
         acting = Sites(phase.scene, q).forces(lam) if forces else {}
         contact = PlottedForce(
@@ -116,10 +115,6 @@ def peaks_of(trajectory: Trajectory) -> dict[str, Maximum]:
         name: Maximum(*(float(np.linalg.norm(part, axis=1).max()) for part in (f[:, :3], f[:, 3:])))
         for name, f in trajectory.forces.items()
     }
-
-
-def _phase(trajectory: Trajectory, k: int) -> Phase:
-    return next(p for p in trajectory.phases if p.samples.start <= k < p.samples.stop)
 
 
 # Where the camera is at first: from the middle of what is seen, along the normal of a linkage.

@@ -82,7 +82,8 @@ def mesh(
 
 def label(path: str, png: bytes) -> Command:
     """Return the command that draws a picture facing the camera, on top."""
-    image = {"uuid": f"{path} image", "url": _data_url("image/png", png)}
+    url = f"data:image/png;base64,{base64.b64encode(png).decode('ascii')}"
+    image = {"uuid": f"{path} image", "url": url}
     texture = {
         "uuid": f"{path} texture",
         "image": image["uuid"],
@@ -181,10 +182,6 @@ def _packed(x: NDArray[Any]) -> Any:
     import umsgpack
 
     return umsgpack.Ext(_EXTENSION[x.dtype.name][1], np.ascontiguousarray(x).tobytes())
-
-
-def _data_url(kind: str, content: bytes) -> str:
-    return f"data:{kind};base64,{base64.b64encode(content).decode('ascii')}"
 
 
 # Part: a shape that never changes, with a pose that does.

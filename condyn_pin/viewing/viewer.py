@@ -22,7 +22,7 @@ from condyn_pin._core.arguments import check_flag, is_whole
 from condyn_pin._core.arrays import finite, shown
 from condyn_pin._core.files import atomic_write, check_format, check_writable, write_text
 from condyn_pin.errors import BrowserFailed, InvalidArgument, MissingExtra
-from condyn_pin.viewing.drawing import Drawing, Look, Subject, drawing_of, require_meshcat
+from condyn_pin.viewing.drawing import Drawing, Subject, ViewOptions, drawing_of, require_meshcat
 from condyn_pin.viewing.part import Part
 
 _PORTS: Final = 2**16
@@ -415,7 +415,7 @@ def view(
     light : bool
         Draw the robot with at most 30 000 triangles, for a small page.
     cones : bool
-        Draw the friction cones of contacts that may let go, unless they are open.
+        Draw the friction cones of contacts that may open, unless they are open.
     balance : bool
         Draw the support polygon, the centre of pressure, the capture point and the DCM of a
         `ControlAnswer` or a `Trajectory`, where they exist; `control.Balance` says what they are.
@@ -465,7 +465,7 @@ def view(
             posture=posture,
             t=t,
             speed=float(speed),
-            look=Look(forces, light, cones, balance),
+            look=ViewOptions(forces, light, cones, balance),
         )
     )
     if html is not None:
