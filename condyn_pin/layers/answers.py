@@ -187,7 +187,7 @@ def check_steps(scene: Scene, dt: float, integrator: ContactScheme, route: Route
 #
 #     x_i+1 = step(x_i, tau_i, p)
 #
-# Backward, a gradient goes against the steps (`Chain`): from the states that are asked for to the
+# Backward, a gradient goes against the steps (`Chain`): from the states that are returned to the
 # start, with some sqrt(steps) states in memory and the matrices of one step.
 
 
@@ -247,13 +247,13 @@ class RunMap(LayerMap):
         dx, dy = np.atleast_2d(dx), np.atleast_2d(dy)
         every = self._every or chain.count
 
-        def asked(i: int, of: StepDerivatives) -> Array | None:
+        def arriving(i: int, of: StepDerivatives) -> Array | None:
             k, within = divmod(i + 1, every)
             if within:
                 return None
             return np.concatenate((dx[k - 1] @ self._space.rates(of.q), dy[k - 1]))
 
-        y, by_tau, others = chain.adjoint(chain.kept(start), asked)
+        y, by_tau, others = chain.adjoint(chain.kept(start), arriving)
         n = len(start[1])
         by_p = self._parameters.of(others, chain.steps.columns)
         shapes = self._parameters.shapes.values()

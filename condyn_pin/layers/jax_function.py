@@ -29,7 +29,11 @@ class JaxLayer(Layer):
         """Return x and y."""
         of, arrays = self._of, [jnp.asarray(each) for each in (q, v, tau, *parameters)]
         for name, array in zip(of.inputs, arrays, strict=False):
-            _check(name, array)
+            if array.dtype != np.float64:
+                raise InvalidArgument(
+                    f"{name} is {array.dtype}: 64 bits are needed, for constraints are solved to "
+                    f'1e-12; jax.config.update("jax_enable_x64", True), then {name}.astype(float)'
+                )
         axes = of.leading([each.shape for each in arrays])
         try:
             leading = jnp.broadcast_shapes(*axes)
@@ -53,7 +57,7 @@ def _both_ways(of: StateMap) -> Callable[..., Arrays]:
         shapes = of.shapes(state)
         numbers = sum(map(prod, shapes))
         size = of.x_size + of.y_size
-        x, y, A = _ask(of, of.linear, state, ((of.x_size,), (of.y_size,), (size, numbers)))
+        x, y, A = _called(of, of.linear, state, ((of.x_size,), (of.y_size,), (size, numbers)))
         flat = [
             step.reshape(*step.shape[: step.ndim - len(shape)], prod(shape))
             for step, shape in zip(steps, shapes, strict=True)
@@ -73,7 +77,7 @@ def _backward(of: LayerMap) -> Callable[..., Arrays]:
         return _value(of, *inputs), inputs
 
     def back(inputs: Arrays, by: Arrays) -> Arrays:
-        return _ask(of, of.vjp, (*inputs, *by), of.shapes(inputs))
+        return _called(of, of.vjp, (*inputs, *by), of.shapes(inputs))
 
     found: Any = jax.custom_vjp(partial(_value, of))
     found.defvjp(begun, back)
@@ -81,10 +85,10 @@ def _backward(of: LayerMap) -> Callable[..., Arrays]:
 
 
 def _value(of: LayerMap, *inputs: Any) -> Arrays:
-    return _ask(of, of.value, inputs, of.outputs(of.shapes(inputs)))
+    return _called(of, of.value, inputs, of.outputs(of.shapes(inputs)))
 
 
-def _ask(of: LayerMap, function: Any, arrays: Arrays, shapes: Sequence[Shape]) -> Arrays:
+def _called(of: LayerMap, function: Any, arrays: Arrays, shapes: Sequence[Shape]) -> Arrays:
     """Values of a map's function for arrays; for arrays that jax traces, by a callback."""
     first = next(iter(of.inputs.values()))
     leading = arrays[0].shape[: arrays[0].ndim - len(first)]
@@ -94,7 +98,7 @@ def _ask(of: LayerMap, function: Any, arrays: Arrays, shapes: Sequence[Shape]) -
         found: tuple[Array, ...] = function(*map(np.asarray, given))
         return found
 
-    def asked(*arrays: Any) -> Arrays:
+    def called(*arrays: Any) -> Arrays:
         if not any(isinstance(each, jax.core.Tracer) for each in arrays):
             return tuple(map(jnp.asarray, call(*arrays)))  # what it raises is raised as it is
         found: Arrays = jax.pure_callback(call, kinds, *arrays, vmap_method="broadcast_all")
@@ -103,14 +107,9 @@ def _ask(of: LayerMap, function: Any, arrays: Arrays, shapes: Sequence[Shape]) -
     def refused(*_: Any) -> Any:
         raise InvalidArgument("a layer has first derivatives only; differentiate it once")
 
-    once = jax.custom_jvp(asked)
+    once = jax.custom_jvp(called)
     once.defjvp(refused)
     return once(*arrays)  # type: ignore[no-any-return]
 
 
-def _check(name: str, array: Any) -> None:
-    if array.dtype != np.float64:
-        raise InvalidArgument(
-            f"{name} is {array.dtype}: 64 bits are needed, for constraints are solved to 1e-12; "
-            f'jax.config.update("jax_enable_x64", True), then {name}.astype(float)'
-        )
+layer = JaxLayer

@@ -129,18 +129,18 @@ class LayerMap(ABC):
         """Return the changes of x and y: of inputs, and then of their steps."""
         k = len(self.inputs)
 
-        def one(*of: Array) -> Pair:
-            return self.jvp_of(of[:k], of[k:])
+        def jvp_of(*numbers: Array) -> Pair:
+            return self.jvp_of(numbers[:k], numbers[k:])
 
-        return self.each(one, arrays, self.outputs(self.shapes(arrays)))
+        return self.each(jvp_of, arrays, self.outputs(self.shapes(arrays)))
 
     def vjp(self, *arrays: Array) -> tuple[Array, ...]:
         """Return the gradients by the inputs: of inputs, and then of dx and dy."""
 
-        def one(*of: Array) -> tuple[Array, ...]:
-            return self.vjp_of(of[:-2], *of[-2:])
+        def vjp_of(*numbers: Array) -> tuple[Array, ...]:
+            return self.vjp_of(numbers[:-2], *numbers[-2:])
 
-        return self.each(one, arrays, self.shapes(arrays))
+        return self.each(vjp_of, arrays, self.shapes(arrays))
 
     def shapes(self, arrays: Sequence[Array]) -> list[Shape]:
         """Return the shapes of the inputs without their leading axes."""
@@ -178,9 +178,10 @@ class LayerMap(ABC):
         )
 
     def each(
-        self, one: Callable[..., Sequence[Array]], arrays: Sequence[Array], shapes: Sequence[Shape]
-    ) -> tuple[Array, ...]:
-        """Arrays of these `shapes`, the values of `one` stacked over all states."""
+        self, of_one: Callable[..., Sequence[Array]], arrays: Sequence[Array],
+        shapes: Sequence[Shape],
+    ) -> tuple[Array, ...]:  # fmt: skip
+        """Arrays of these `shapes`, the values of `of_one` state stacked over all states."""
         for name, array in zip(self.inputs, arrays, strict=False):
             finite(name, array, array.shape)
         first = next(iter(self.inputs.values()))
@@ -194,7 +195,7 @@ class LayerMap(ABC):
         quiet = np.errstate(all="ignore")  # what is not finite is refused
         with self._lock, one_blas_thread, quiet:
             for i in range(count):
-                found = one(*(each[i] for each in rows))
+                found = of_one(*(each[i] for each in rows))
                 for array, part in zip(out, found, strict=True):
                     array[i] = part
         return tuple(array.reshape(*leading, *array.shape[1:]) for array in out)
@@ -216,7 +217,7 @@ class Parameters:
 
     Attributes
     ----------
-    made : Made
+    made : ParametrisedScene
         The scene as it was given, with its own parameters.
     shapes : dict of str to shape
         Of friction and restitution one number for each `FrictionalContact`, of solref two, and of
@@ -484,13 +485,14 @@ class StateMap(LayerMap):
         size = self.x_size + self.y_size
         numbers = sum(map(prod, self.shapes(arrays)))
 
-        def one(*inputs: Array) -> tuple[Array, ...]:
+        def linear_of(*inputs: Array) -> tuple[Array, ...]:
             T, end, (x, y), change = self._at(*inputs)
             of_x, of_y = self.matrices(change)
             A = np.vstack([of_x if end is None else end @ of_x, of_y])
             return x, y, np.hstack([A[:, : self.nv] @ T, A[:, self.nv :]])
 
-        return self.each(one, arrays, ((self.x_size,), (self.y_size,), (size, numbers)))
+        shapes = (self.x_size,), (self.y_size,), (size, numbers)
+        return self.each(linear_of, arrays, shapes)
 
     def _at(self, q: Array, *others: Array) -> tuple[Array, Array | None, Pair, Change]:
         """Return T at the start, D at the end where there is one, x and y, and their change."""

@@ -134,3 +134,6 @@ def _check(name: str, tensor: Any) -> None:
         raise InvalidArgument(
             f"{name} is on {tensor.device}: Pinocchio computes on the CPU; {name}.cpu() is there"
         )
+
+
+layer = TorchLayer

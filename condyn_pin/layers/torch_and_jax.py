@@ -1,9 +1,13 @@
-"""Layers of torch: functions of tensors with gradients."""
+"""Layers of torch and jax: answers as functions of arrays, with gradients.
+
+`torch_function` and `jax_function` import these libraries, when a layer is made.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from importlib import import_module
+from typing import Final, cast
 
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
@@ -64,7 +68,7 @@ def torch_solve(
     ----------
     Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. RSS, 2018.
     """
-    return _layer(SolveMap(scene, solver, drift, wrt))
+    return _layer("torch", SolveMap(scene, solver, drift, wrt))
 
 
 def torch_step(
@@ -113,7 +117,7 @@ def torch_step(
     Cost: a step for each state, and what `Route.cost` says for each of them backward. Where
     parameters change, the scene is made anew: some 30 steps.
     """
-    return _layer(StepMap(scene, dt, integrator, route, wrt))
+    return _layer("torch", StepMap(scene, dt, integrator, route, wrt))
 
 
 def torch_simulate(
@@ -169,15 +173,127 @@ def torch_simulate(
     ----------
     Griewank, Walther. Evaluating Derivatives. SIAM, 2008, chapter 12: checkpoints.
     """
-    return _layer(RunMap(scene, dt, integrator, route, wrt, every))
+    return _layer("torch", RunMap(scene, dt, integrator, route, wrt, every))
 
 
-def _layer(of: LayerMap) -> Layer:
-    """Return a map as a function of tensors."""
+def jax_solve(
+    scene: Scene,
+    *,
+    solver: Solver | None = None,
+    drift: Baumgarte | None = None,
+    wrt: Sequence[str] = (),
+) -> Layer:
+    """Return `torch_solve` for arrays of jax, with `jax.jvp` and `jax.jacfwd` too.
+
+    Parameters
+    ----------
+    scene : Scene
+    solver, drift, wrt : optional
+        As in `torch_solve`.
+
+    Returns
+    -------
+    Layer
+        As that of `torch_solve`.
+
+    Raises
+    ------
+    InvalidArgument
+        By the layer: if an array is not of 64 bits, or has a wrong size.
+    MissingExtra
+        If jax is not installed.
+
+    Notes
+    -----
+    Cost: a callback, and a solve for each state; where derivatives are asked for, with all their
+    matrices.
+    """
+    return _layer("jax", SolveMap(scene, solver, drift, wrt))
+
+
+def jax_step(
+    scene: Scene,
+    *,
+    dt: float,
+    integrator: ContactScheme = _STEWART_TRINKLE,
+    route: Route = _ACTIVE_SET,
+    wrt: Sequence[str] = (),
+) -> Layer:
+    """Return `torch_step` for arrays of jax: one step, as for `jax.lax.scan`.
+
+    Parameters
+    ----------
+    scene : Scene
+    dt : float
+        Time step [s].
+    integrator, route, wrt : optional
+        As in `torch_step`.
+
+    Returns
+    -------
+    Layer
+        As that of `torch_step`.
+
+    Raises
+    ------
+    InvalidArgument
+        As `torch_step`; by the layer, as that of `jax_solve`.
+    MissingExtra
+        If jax is not installed.
+
+    Notes
+    -----
+    Cost: a callback, and a step for each state; where derivatives are asked for, what `Route.cost`
+    says.
+    """
+    return _layer("jax", StepMap(scene, dt, integrator, route, wrt))
+
+
+def jax_simulate(
+    scene: Scene,
+    *,
+    dt: float,
+    integrator: ContactScheme = _STEWART_TRINKLE,
+    route: Route = _ACTIVE_SET,
+    wrt: Sequence[str] = (),
+    every: int | None = None,
+) -> Layer:
+    """Return `torch_simulate` for arrays of jax: whole motions, for `jax.grad` and `jax.jacrev`.
+
+    Parameters
+    ----------
+    scene : Scene
+    dt : float
+        Time step [s].
+    integrator, route, wrt, every : optional
+        As in `torch_simulate`.
+
+    Returns
+    -------
+    Layer
+        As that of `torch_simulate`, with derivatives of the reverse mode alone.
+
+    Raises
+    ------
+    InvalidArgument
+        As `torch_simulate`; by the layer, as that of `jax_solve`.
+    MissingExtra
+        If jax is not installed.
+
+    Notes
+    -----
+    Cost: two callbacks, and what `torch_simulate` says.
+    """
+    return _layer("jax", RunMap(scene, dt, integrator, route, wrt, every))
+
+
+def _layer(library: str, of: LayerMap) -> Layer:
+    """Map as a function of the arrays of a library; MissingExtra where that is not installed."""
     try:
-        from condyn_pin.layers.torch_function import TorchLayer
+        module = import_module(f"condyn_pin.layers.{library}_function")
     except ModuleNotFoundError as error:
-        if error.name != "torch":
+        if (error.name or "").partition(".")[0] != library:
             raise
-        raise MissingExtra('torch is missing: python -m pip install "condyn_pin[torch]"') from error
-    return TorchLayer(of)
+        text = f'{library} is missing: python -m pip install "condyn_pin[{library}]"'
+        raise MissingExtra(text) from error
+    return cast(Layer, module.layer(of))
