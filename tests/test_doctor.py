@@ -119,21 +119,31 @@ print(found.remedy)
     assert "pip install" in result.stdout.splitlines()[1]
 
 
-@pytest.mark.parametrize("missing", [(), ("_tick",), ("_core", "_tick")])
-def test_core_and_control_ticks_are_told_apart(monkeypatch, missing):
-    """Either may be missing, or of another version, where the other is there."""
+COMPILED = {
+    "compiled core": "_core",
+    "compiled control ticks": "_tick",
+    "ConstrainedABA, PV": "_constrained_aba",
+}
+
+
+@pytest.mark.parametrize(
+    "missing", [(), ("_tick",), ("_constrained_aba",), tuple(COMPILED.values())]
+)
+def test_what_is_compiled_is_told_apart(monkeypatch, missing):
+    """Each may be missing where the others are there."""
 
     def imported(name):
         _, module = name.split(".")
         if module in missing:
             raise ImportError(f"no module named {name}")
-        protocol = {"_core": compiled.PROTOCOL, "_tick": compiled.TICK_PROTOCOL}[module]
+        protocol = compiled.TICK_PROTOCOL if module == "_tick" else compiled.PROTOCOL
         return SimpleNamespace(protocol=protocol, arch="", pinocchio="4.1.0", simd="SSE2")
 
-    for find in (compiled.compiled, compiled.compiled_tick):
-        monkeypatch.setattr(compiled, find.__name__, find.__wrapped__)
+    for name in ("compiled", "compiled_tick", "constrained_aba", "missing_constrained_aba"):
+        monkeypatch.setattr(compiled, name, getattr(compiled, name).__wrapped__)
     monkeypatch.setattr(compiled, "import_module", imported)
     said = compiled.features()
-    for name, module in (("compiled core", "_core"), ("compiled control ticks", "_tick")):
+    assert said.keys() == COMPILED.keys()
+    for name, module in COMPILED.items():
         assert said[name].startswith("no: " if module in missing else "yes, ")
         assert ("pip install ./native" in said[name]) == (module in missing)

@@ -17,7 +17,7 @@ import warnings
 from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -253,33 +253,22 @@ def features() -> dict[str, str]:
 
 # Contact solvers of Pinocchio: with `_pin`, the only place that knows which one is installed.
 #
-# | what                 | 3.9                               | 4.x
-# |
-# |----------------------|-----------------------------------|--------------------------------------
-# -|
-# | solvers              | `ADMMContactSolver`, ...          | `ADMMConstraintSolver`, ...
-# |
-# | sets                 | round cones, as a list            | of constraint models, intervals too
-# |
-# | laws of ADMM         | ncp                               | ncp and ccp
-# |
-# | Anderson             | missing                           | `anderson_capacity`
-# |
-# | what a solver keeps  | the last answer, and begins there | nothing; ADMM damps the operator
-# |
-# | no friction anywhere | PGS stops after one round         | as it should
-# |
+# | what                 | 3.9                               | 4.x                                |
+# |----------------------|-----------------------------------|------------------------------------|
+# | solvers              | `ADMMContactSolver`, ...          | `ADMMConstraintSolver`, ...        |
+# | sets                 | round cones, as a list            | of constraint models, also limits  |
+# | laws of ADMM         | ncp                               | ncp and ccp                        |
+# | Anderson             | missing                           | `anderson_capacity`                |
+# | what a solver keeps  | the last answer, and begins there | nothing; ADMM damps the operator   |
+# | no friction anywhere | PGS stops after one round         | as it should                       |
 
 
 HAS_ANDERSON: Final = _IS_4
 _NO_RELATIVE: Final = 1e-14  # tolerance, which solvers add to the absolute one
 
 
-class Conic(NamedTuple):
-    """Contact forces and iteration count of Pinocchio's contact solver, converged or not."""
-
-    lam: Array  # (m,)
-    iterations: int
+# Contact forces (m,) and iterations of a contact solver, converged or not.
+Conic: TypeAlias = tuple[Array, int]
 
 
 def solves_contacts(ncp: bool, intervals: int) -> bool:
@@ -309,7 +298,7 @@ def admm(
         start = () if guess is None else (guess,)
         operator = pin.DelassusOperatorDense(G)
         solver.solve(operator, g, _cones(friction), np.zeros(len(g)), *start)
-        return Conic(np.ravel(solver.getPrimalSolution()), solver.getIterationCount())
+        return np.ravel(solver.getPrimalSolution()), solver.getIterationCount()
     settings = _admm_settings(ncp, tolerance, max_iterations, anderson)
     result = pin.ADMMSolverResult()
     return _conic(pin.ADMMConstraintSolver, result, settings, G, g, friction, limits, guess)
@@ -332,7 +321,7 @@ def pgs(
         _set_precision(solver, tolerance, max_iterations)
         lam = np.zeros(len(g)) if guess is None else guess.copy()
         solver.solve(G, g, _cones(friction), lam, over_relaxation)
-        return Conic(lam, solver.getIterationCount())
+        return lam, solver.getIterationCount()
     settings = _conic_settings(pin.PGSSolverSettings(), tolerance, max_iterations)
     settings.over_relaxation = over_relaxation
     return _conic(
@@ -380,7 +369,7 @@ def _conic(
     # a new operator: ADMM leaves its damping in it, which PGS takes for a part of G
     operator = pin.DelassusOperatorDense(G)
     _solver(kind, len(g)).solve(operator, g, models, datas, settings, result)
-    return Conic(result.retrieveConstraintImpulses(), result.iterations)
+    return result.retrieveConstraintImpulses(), result.iterations
 
 
 class _Memory(threading.local):

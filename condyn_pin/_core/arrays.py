@@ -91,7 +91,8 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
     cure = f"; {made}" if made else ""
     try:
         array = np.asarray(value)
-        if array.dtype.kind == "b" or _has_flags(value):
+        several = value if isinstance(value, (list, tuple)) else ()  # where numpy makes 1 and 0
+        if array.dtype.kind == "b" or any(isinstance(x, (bool, np.bool_)) for x in several):
             raise TypeError("numbers, not True or False")
         if isinstance(value, np.ma.MaskedArray) and np.ma.is_masked(value):
             raise TypeError("some of them are masked; .filled(...) says what they are")
@@ -123,16 +124,11 @@ def shown(value: object) -> str:
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
-def _has_flags(value: object) -> bool:
-    """True if a list of numbers contains True or False, which numpy converts to 1 and 0."""
-    return isinstance(value, (list, tuple)) and any(isinstance(x, (bool, np.bool_)) for x in value)
-
-
 def finite_rows(name: str, value: ArrayLike, size: int) -> Array:
     """Float array of one row of numbers or many, (..., size), checked as by `finite`."""
     try:
         many = np.shape(value)[:-1]
-    except ValueError:  # of lists that differ in length, and `finite` says so
+    except ValueError:  # of lists that differ in length, which `finite` refuses
         many = ()
     return finite(name, value, (*many, size))
 

@@ -80,7 +80,7 @@ one_blas_thread = _OneThread()
 def decided() -> str:
     """User's setting of the BLAS threads, such as ``OMP_NUM_THREADS=4``, or empty.
 
-    The command line asks first, and sets it then.
+    The command line reads it first, and sets it then.
     """
     return _set_to()
 

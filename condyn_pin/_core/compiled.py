@@ -1,10 +1,8 @@
 """Compiled modules: the core, control ticks, recursions of Pinocchio 3.9.
 
-The compiled core: whether it is there, and which.
-
-It is a distribution of its own, `condyn_pin_native` (the folder ``native`` of the repository), and
-nothing needs it: what it does, Python does as well. It is built from headers of Pinocchio and does
-not touch the one that is installed.
+The compiled core is a distribution of its own, `condyn_pin_native` (the folder ``native`` of the
+repository), and nothing needs it: what it does, Python does as well. It is built from headers of
+Pinocchio and does not touch the one that is installed.
 """
 
 from __future__ import annotations
@@ -57,25 +55,27 @@ def _module(name: str, protocol: int, missing: str) -> Any:
 
 
 def features() -> dict[str, str]:
-    """Availability of the compiled core and of compiled control ticks, for `condyn doctor`."""
-    return {"compiled core": _said_of_core(), "compiled control ticks": _said_of_ticks()}
-
-
-def _said_of_core() -> str:
+    """Availability of the compiled core, ticks and recursions, for `condyn doctor`."""
+    found = {}
     try:
         module = compiled()
+        flags = f"for {module.arch}" if module.arch else "by default flags"
+        built = f"from headers of Pinocchio {module.pinocchio}, {flags} ({module.simd})"
+        found["compiled core"] = f"yes, {built}"
     except MissingExtra as error:
-        return f"no: {error}"
-    flags = f"for {module.arch}" if module.arch else "by default flags"
-    return f"yes, from headers of Pinocchio {module.pinocchio}, {flags} ({module.simd})"
-
-
-def _said_of_ticks() -> str:
+        found["compiled core"] = f"no: {error}"
     try:
         compiled_tick()
+        found["compiled control ticks"] = "yes, built with the compiled core"
     except MissingExtra as error:
-        return f"no: {error}"
-    return "yes, built with the compiled core"
+        found["compiled control ticks"] = f"no: {error}"
+    missing = missing_constrained_aba()
+    found["ConstrainedABA, PV"] = (
+        f"no: {missing}"
+        if missing
+        else f"yes, from headers of Pinocchio {constrained_aba().pinocchio}"
+    )
+    return found
 
 
 # Pinocchio 3.9's recursions for contacts: whether they are compiled, and for which joints.
@@ -108,11 +108,3 @@ def missing_constrained_aba() -> str:
     except ImportError as error:
         return f"ConstrainedABA and PV are compiled, and not installed: {BUILD} ({error})"
     return ""
-
-
-def features_of_constrained_aba() -> dict[str, str]:
-    """Availability of ConstrainedABA and PV, for `condyn doctor`."""
-    if missing := missing_constrained_aba():
-        return {"ConstrainedABA, PV": f"no: {missing}"}
-    module = constrained_aba()
-    return {"ConstrainedABA, PV": f"yes, from headers of Pinocchio {module.pinocchio}"}

@@ -128,9 +128,8 @@ def diagnose() -> Diagnosis:
     if probe.returncode == 0:
         try:
             from condyn_pin._core import _pin, blas_threads, compiled
-            from condyn_pin._core import compiled as constrained_aba
 
-            found = (_pin, compiled, constrained_aba, blas_threads)
+            found = (_pin, compiled, blas_threads)
             features = {name: said for room in found for name, said in room.features().items()}
         except ImportError as error:
             findings, remedy = (str(error), *findings), remedy or MEND_4

@@ -304,19 +304,15 @@ def written_out(value: Any) -> Any:
 def _parsed(parse: Callable[[Any], Any], text: Any, known: type[ValueError]) -> Any:
     check_size(len(text))
     try:
-        return written_out(parse(text)) if _may_need_it(text) else parse(text)
+        letters = text if isinstance(text, str) else text.decode("latin-1")
+        plain = "\\" not in letters and letters.translate(_LINES).isprintable()
+        return parse(text) if plain else written_out(parse(text))
     except (known, UnicodeDecodeError):
         raise
     except ValueError as error:  # Python's own limit, against numbers that take minutes to read
         raise ValueError("a number in it has thousands of digits") from error
     except RecursionError as error:
         raise ValueError("it is nested too deep") from error
-
-
-def _may_need_it(text: str | bytes) -> bool:
-    """True if a text may contain characters that are not printable, literal or escaped."""
-    letters = text if isinstance(text, str) else text.decode("latin-1")
-    return "\\" in letters or not letters.translate(_LINES).isprintable()
 
 
 def _check_depth(value: Any, most: int = 32) -> None:

@@ -106,7 +106,13 @@ class Rows:
         recipe = self.recipe.pickled()
         if not isinstance(self.executor, ProcessPoolExecutor | Processes):
             return PickleTransport(self.kernel, recipe, inputs, outputs)
-        self._check_travels()
+        try:
+            pickle.dumps(self.kernel)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise InvalidArgument(
+                f"executor = {self.executor!r}: its processes need what pickles, such as torques "
+                f"that are a function of a module, no lambda ({error})"
+            ) from error
         if CAN_SHARE:
             try:
                 return SharedMemoryTransport(
@@ -117,16 +123,6 @@ class Rows:
             except OSError:  # not so much memory at once: copies, then
                 pass
         return PickleTransport(self.kernel, recipe, inputs, outputs)
-
-    def _check_travels(self) -> None:
-        """Raise InvalidArgument if the kernel cannot be pickled for worker processes."""
-        try:
-            pickle.dumps(self.kernel)
-        except (pickle.PicklingError, AttributeError, TypeError) as error:
-            raise InvalidArgument(
-                f"executor = {self.executor!r}: its processes need what pickles, such as torques "
-                f"that are a function of a module, no lambda ({error})"
-            ) from error
 
     def _chunks(self, count: int) -> list[slice]:
         """Rows of each chunk; the last chunks are small, so that workers finish together."""

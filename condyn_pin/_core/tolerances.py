@@ -139,8 +139,8 @@ DERIVATIVES: Final = 1e-6
 # kind, one that turns or one that shifts, feels.
 MASSLESS: Final = 1e-14
 
-# An answer that is not ok says so where joints together feel less than this share of the inertia
-# that each of them feels: the rounding of M alone, 1e-16, is then 1e-8 of a.
+# A notice of an answer that is not ok names joints that together feel less than this share of the
+# inertia that each of them feels: the rounding of M alone, 1e-16, is then 1e-8 of a.
 NEARLY_MASSLESS: Final = 1e-8
 
 # A scene is measured at a state where joints that may move no inertia elsewhere feel this share of
@@ -211,7 +211,7 @@ LEFT_OPEN: Final = 1e-3
 # with 0.1 rad a step has 1e-3 after a second of a four-bar, 0.1 of a heavy top of 200 rad/s.
 OFF: Final = 1e-2
 
-# The same relative to the size of the machine: no one asks for the error of what hardly moves.
+# The same relative to the size of the machine: the error of what hardly moves matters little.
 HARDLY_OFF: Final = 1e-4
 
 # The same relative to the energy itself, for motions that exchange next to nothing: a ball that

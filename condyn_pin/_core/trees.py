@@ -84,13 +84,10 @@ def algorithms(data: Any) -> Any:
 
 def is_forest(model: Any) -> bool:
     """True if a model has several trees and is large enough for a pin.Data per tree."""
-    return tensors_of(model) > _SMALL and len(model.children[0]) > 1 and _is_in_order(model)
-
-
-def _is_in_order(model: Any) -> bool:
-    """True if the joints of each tree are contiguous."""
+    if tensors_of(model) <= _SMALL or len(model.children[0]) <= 1:
+        return False
     roots = _roots(model)
-    return roots == sorted(roots)
+    return roots == sorted(roots)  # the joints of each tree are contiguous
 
 
 def _roots(model: Any) -> list[int]:
@@ -161,7 +158,7 @@ class Forest:
              placements_view(tree.data.oMi, 1, tree.model.njoints - 1))
             for tree in self._trees
         ]  # fmt: skip
-        self.v, self.a = (_OfJoints(self._trees, name) for name in "va")
+        self.v, self.a = (_JointQuantity(self._trees, name) for name in "va")
         self.J = np.zeros((6, model.nv), order="F")
 
     def is_sound(self) -> bool:
@@ -278,7 +275,7 @@ def _part(tree: Tree, arguments: tuple[Any, ...]) -> Iterator[Any]:
             yield argument
 
 
-class _OfJoints:
+class _JointQuantity:
     """Quantity of each joint, read from the memory of its tree."""
 
     def __init__(self, trees: list[Tree], name: str) -> None:

@@ -312,7 +312,12 @@ class Processes(Executor):
 
     def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Submit a call, as `concurrent.futures.Executor.submit`."""
-        self._check_found(fn)
+        typed = not hasattr(sys.modules["__main__"], "__file__")
+        if typed and self.start_method != "fork" and getattr(fn, "__module__", "") == "__main__":
+            raise InvalidArgument(
+                f"fn = {getattr(fn, '__name__', fn)}: a function of a notebook or a prompt, which "
+                "worker processes do not have; write it into a module (a .py file), and import it"
+            )
         return self._pool.submit(fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -323,15 +328,6 @@ class Processes(Executor):
         """Replace all workers by new ones; calls that they work on are finished or lost."""
         self._pool.shutdown()
         self._pool = self._new()
-
-    def _check_found(self, fn: Callable[..., object]) -> None:
-        """Raise InvalidArgument for a function that workers cannot import: it breaks the pool."""
-        typed = not hasattr(sys.modules["__main__"], "__file__")
-        if typed and self.start_method != "fork" and getattr(fn, "__module__", "") == "__main__":
-            raise InvalidArgument(
-                f"fn = {getattr(fn, '__name__', fn)}: a function of a notebook or a prompt, which "
-                "worker processes do not have; write it into a module (a .py file), and import it"
-            )
 
     def _new(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self.workers, self._context, _begin, (self._began,))
@@ -477,17 +473,17 @@ Messages = dict[int, str]
 Kernel = Callable[[Any, Arrays, Arrays], Messages]
 
 
-class Maker(Protocol):
+class WorkspaceFactory(Protocol):
     """Source of the workspace of a kernel."""
 
     def workspace(self) -> Any:
         """Workspace of this thread, made at the first call."""
 
 
-class Recipe(Maker, Protocol):
+class Recipe(WorkspaceFactory, Protocol):
     """Source of the workspace in this process, which can be sent to workers."""
 
-    def pickled(self) -> Maker:
+    def pickled(self) -> WorkspaceFactory:
         """Picklable source of the workspace, made once for all chunks."""
 
 
@@ -512,7 +508,9 @@ class Transport(ABC):
 class InPlace(Transport):
     """Transport within this process: no data is copied."""
 
-    def __init__(self, kernel: Kernel, recipe: Maker, inputs: Arrays, outputs: Arrays) -> None:
+    def __init__(
+        self, kernel: Kernel, recipe: WorkspaceFactory, inputs: Arrays, outputs: Arrays
+    ) -> None:
         self.work = partial(_fill, kernel, recipe.workspace(), inputs, outputs)
 
     def send(self, rows: slice, place: int) -> slice:
@@ -533,7 +531,7 @@ class SharedMemoryTransport(Transport):
     def __init__(
         self,
         kernel: Kernel,
-        recipe: Maker,
+        recipe: WorkspaceFactory,
         inputs: Arrays,
         outputs: Arrays,
         *,
@@ -551,7 +549,7 @@ class SharedMemoryTransport(Transport):
         self._memory, self._shared = memory, memory.arrays
         for name in for_all:
             self._shared[name][:] = inputs[name]
-        self.work = _InMemory(kernel, recipe, memory.address, tuple(inputs))
+        self.work = partial(_in_memory, kernel, recipe, memory.address, tuple(inputs))
 
     def send(self, rows: slice, place: int) -> slice:
         """Slice of the shared inputs, after copying the rows there."""
@@ -575,10 +573,12 @@ class SharedMemoryTransport(Transport):
 class PickleTransport(Transport):
     """Transport to workers anywhere, as pickled copies."""
 
-    def __init__(self, kernel: Kernel, recipe: Maker, inputs: Arrays, outputs: Arrays) -> None:
+    def __init__(
+        self, kernel: Kernel, recipe: WorkspaceFactory, inputs: Arrays, outputs: Arrays
+    ) -> None:
         self._inputs, self._outputs = inputs, outputs
         kinds = {name: Kind(array.shape[1:], array.dtype.str) for name, array in outputs.items()}
-        self.work = _OnCopies(kernel, recipe, kinds)
+        self.work = partial(_on_copies, kernel, recipe, kinds)
 
     def send(self, rows: slice, place: int) -> tuple[int, Arrays]:
         """Number of rows, and their inputs."""
@@ -592,20 +592,14 @@ class PickleTransport(Transport):
         return words
 
 
-@dataclass(frozen=True)
-class _InMemory:
-    """Work of a process that shares memory with its parent."""
-
-    kernel: Kernel
-    recipe: Maker
-    address: Address
-    inputs: tuple[str, ...]
-
-    def __call__(self, rows: slice) -> tuple[slice, Messages]:
-        arrays = _opened(self.address)
-        inputs = {name: arrays[name] for name in self.inputs}
-        outputs = {name: arrays[name] for name in arrays.keys() - inputs.keys()}
-        return rows, _fill(self.kernel, self.recipe.workspace(), inputs, outputs, rows)
+def _in_memory(
+    kernel: Kernel, recipe: WorkspaceFactory, address: Address, names: tuple[str, ...], rows: slice
+) -> tuple[slice, Messages]:
+    """Rows done by a process that shares memory with its parent; `names` are the inputs."""
+    arrays = _opened(address)
+    inputs = {name: arrays[name] for name in names}
+    outputs = {name: arrays[name] for name in arrays.keys() - inputs.keys()}
+    return rows, _fill(kernel, recipe.workspace(), inputs, outputs, rows)
 
 
 @lru_cache(maxsize=1)
@@ -614,19 +608,14 @@ def _opened(address: Address) -> Arrays:
     return address.open()
 
 
-@dataclass(frozen=True)
-class _OnCopies:
-    """Work of a process anywhere, on copies."""
-
-    kernel: Kernel
-    recipe: Maker
-    kinds: Kinds  # of a row
-
-    def __call__(self, sent: tuple[int, Arrays]) -> tuple[Arrays, Messages]:
-        count, inputs = sent
-        kinds = {name: kind.times(count) for name, kind in self.kinds.items()}
-        outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
-        return outputs, self.kernel(self.recipe.workspace(), inputs, outputs)
+def _on_copies(
+    kernel: Kernel, recipe: WorkspaceFactory, kinds: Kinds, sent: tuple[int, Arrays]
+) -> tuple[Arrays, Messages]:
+    """Outputs of rows done by a process anywhere, on copies; `kinds` are those of a row."""
+    count, inputs = sent
+    whole = {name: kind.times(count) for name, kind in kinds.items()}
+    outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in whole.items()}
+    return outputs, kernel(recipe.workspace(), inputs, outputs)
 
 
 def _fill(kernel: Kernel, workspace: Any, inputs: Arrays, outputs: Arrays, rows: slice) -> Messages:

@@ -350,14 +350,14 @@ def _struck(problem: ContactProblem, e: Array, end: End, pieces: int) -> tuple[A
     push, after = e * comp[n], problem.replaced(g=problem.velocities(comp))
     if end == "poisson" or not push.any():
         return comp + _expanded(after, push, pieces).lam, missed
-    wanted, most = float((e**2).dot(taken_n)), -(float(e.max()) ** 2) * work(problem, comp)
-    if wanted <= 0.0:
+    to_return, most = float((e**2).dot(taken_n)), -(float(e.max()) ** 2) * work(problem, comp)
+    if to_return <= 0.0:
         return comp, missed
     from scipy.optimize import brentq
 
     def beyond(theta: float) -> float:
         given = _expanded(after, theta * push, pieces)
-        return max(given.normal_work - wanted, given.work - most)
+        return max(given.normal_work - to_return, given.work - most)
 
     theta = brentq(beyond, 0.0, _MOST, xtol=1e-13) if beyond(_MOST) > 0.0 else 1.0
     return comp + _expanded(after, theta * push, pieces).lam, missed
@@ -397,7 +397,7 @@ def _taken(problem: ContactProblem, lam: Array) -> Array:
     return np.asarray(-0.5 * lam[n] * (problem.g[n] + problem.velocities(lam)[n]))
 
 
-class _Given(NamedTuple):
+class _Expansion(NamedTuple):
     """Impulses and work of expansion."""
 
     lam: Array
@@ -405,7 +405,7 @@ class _Given(NamedTuple):
     normal_work: float  # [J]
 
 
-def _expanded(problem: ContactProblem, push: Array, pieces: int) -> _Given:
+def _expanded(problem: ContactProblem, push: Array, pieces: int) -> _Expansion:
     """Return the expansion of normal impulses `push` (contacts,), friction following in pieces."""
     lam, all_work, normal_work = np.zeros(problem.rows), 0.0, 0.0
     for _ in range(pieces):
@@ -414,7 +414,7 @@ def _expanded(problem: ContactProblem, push: Array, pieces: int) -> _Given:
         all_work += work(now, found)
         normal_work -= float(_taken(now, found).sum())
         lam = lam + found
-    return _Given(lam, all_work, normal_work)
+    return _Expansion(lam, all_work, normal_work)
 
 
 def _coulomb(problem: ContactProblem) -> tuple[Array, float]:
@@ -456,9 +456,9 @@ def _within_disks(A: Array, b: Array, limits: Array) -> Array:
             if not (most and c):
                 continue
             its = slice(2 * i, 2 * i + 2)
-            wanted = _clipped(x[its] - (A[its].dot(x) + b[its]) / c, most)
-            moved = max(moved, c * float(np.abs(wanted - x[its]).max()))
-            x[its] = wanted
+            x_i = _clipped(x[its] - (A[its].dot(x) + b[its]) / c, most)
+            moved = max(moved, c * float(np.abs(x_i - x[its]).max()))
+            x[its] = x_i
         if moved <= _RESIDUAL * size:
             return x
     best, least = x, _missed(A, b, x, limits, stiff)

@@ -101,7 +101,7 @@ class ADMM(ContactSolver):
         return refine(problem, found.lam, POLISH).after(found) if self.polish else found
 
     def alternatives(self, problem: ContactProblem, found: SolverResult) -> Iterator[SolverResult]:
-        """Yield what Newton and another run of ADMM find, and Newton from other starts."""
+        """Ends of Newton, of another run of ADMM, and of Newton from other starts."""
         if self.title in found.path:
             lam = found.lam
             for found in fewer(problem, found, RESCUE, self.budget):  # noqa: B020

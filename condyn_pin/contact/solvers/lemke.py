@@ -130,23 +130,23 @@ def _linear(problem: ContactProblem, angles: Array) -> tuple[Array, Array, Array
     intervals = problem.sets.parts[2]
     (k, sides), n, m = angles.shape, problem.half_lines, len(problem.g)
     directions = np.array([np.cos(angles), np.sin(angles)])
-    two = len(problem.limits)
-    B = np.zeros((m, k + n + sides * k + 2 * two))
+    dry = len(problem.limits)
+    B = np.zeros((m, k + n + sides * k + 2 * dry))
     B[problem.sets.normals, np.arange(k + n)] = 1.0
-    E = np.zeros((sides * k + 2 * two, k + two))  # which slip a direction belongs to
+    E = np.zeros((sides * k + 2 * dry, k + dry))  # which slip a direction belongs to
     for i in range(k):
-        at = slice(k + n + sides * i, k + n + sides * (i + 1))
-        B[3 * i : 3 * i + 2, at] = directions[:, i]
+        corners = slice(k + n + sides * i, k + n + sides * (i + 1))
+        B[3 * i : 3 * i + 2, corners] = directions[:, i]
         E[sides * i : sides * (i + 1), i] = 1.0
-    for j in range(two):
+    for j in range(dry):
         first = sides * k + 2 * j
         B[intervals.start + j, k + n + first : k + n + first + 2] = 1.0, -1.0
         E[first : first + 2, k + j] = 1.0
-    U = np.zeros((k + two, B.shape[1]))
+    U = np.zeros((k + dry, B.shape[1]))
     U[np.arange(k), np.arange(k)] = problem.friction
     U[:, k + n :] = -E.T
-    above = np.vstack([np.zeros((k + n, k + two)), E])
-    A = np.block([[B.T @ problem.G @ B, above], [U, np.zeros((k + two, k + two))]])
+    above = np.vstack([np.zeros((k + n, k + dry)), E])
+    A = np.block([[B.T @ problem.G @ B, above], [U, np.zeros((k + dry, k + dry))]])
     b = np.concatenate([B.T @ problem.g, np.zeros(k), problem.limits])
     return B, A, b
 
@@ -261,14 +261,14 @@ def _in_basis(columns: Array, basis: Indices, others: Indices) -> Array:
     is_w = basis < n
     own, left = basis[is_w], np.ones(n, dtype=bool)
     left[own] = False
-    B, wanted = columns[:, basis[~is_w]], columns[:, others]
+    B, b = columns[:, basis[~is_w]], columns[:, others]
     found = np.empty((n, len(others)))
     try:
-        x = np.linalg.solve(B[left], wanted[left])
+        x = np.linalg.solve(B[left], b[left])
     except np.linalg.LinAlgError:
         return np.full((n, len(others)), np.nan)
     found[~is_w] = x
-    found[is_w] = wanted[own] - B[own].dot(x)
+    found[is_w] = b[own] - B[own].dot(x)
     return found
 
 

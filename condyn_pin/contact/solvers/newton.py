@@ -150,7 +150,7 @@ def of_first_order(lam: Array, iterations: int, title: str) -> SolverResult:
 def fewer(
     problem: ContactProblem, found: SolverResult, max_iterations: int, budget: float
 ) -> Iterator[SolverResult]:
-    """Yield what some of many contacts answer, and those that go through their answer."""
+    """Impulses of some of many contacts, and of those that their motion closes."""
 
     def solve(part: ContactProblem, guess: Array) -> SolverResult:
         end, left = refine(part, guess, max_iterations), budget - found.cost

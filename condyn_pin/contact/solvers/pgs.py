@@ -86,13 +86,13 @@ class PGS(ContactSolver):
         relaxation = self._relaxation(rows.G, problem)
         if not relaxation > 0:  # nothing moves a contact along t1 or t2, by which it divides
             return SolverResult(np.zeros(problem.rows), 0, (self.title,))
-        found = _pin.pgs(
+        lam, iterations = _pin.pgs(
             rows.G, rows.g, rows.friction, rows.limits,
             tolerance=self.tolerance, max_iterations=self.max_iterations,
             over_relaxation=relaxation,
             guess=rows.spread(None if guess is None else guess / unit),
         )  # fmt: skip
-        return SolverResult(found.lam[rows.kept] * unit, found.iterations, (self.title,))
+        return SolverResult(lam[rows.kept] * unit, iterations, (self.title,))
 
     def _relaxation(self, G: Array, problem: ContactProblem) -> float:
         """Over-relaxation omega, below 2 min(G_11, G_22) / max eig G_tt of each contact."""
@@ -103,10 +103,10 @@ class PGS(ContactSolver):
         if self.over_relaxation is None:
             return min(1.0, _SAFE * least)
         if self.over_relaxation >= least:
-            at = problem.names[bounds.argmin()] if len(bounds) else "Gauss-Seidel"
+            name = problem.names[bounds.argmin()] if len(bounds) else "Gauss-Seidel"
             raise InvalidArgument(
-                f"over_relaxation = {self.over_relaxation:g}: {at} needs less than {least:.3g}, by "
-                "how its mass differs along t1 and t2"
+                f"over_relaxation = {self.over_relaxation:g}: {name} needs less than {least:.3g}, "
+                "by how its mass differs along t1 and t2"
             )
         return self.over_relaxation
 
@@ -151,12 +151,12 @@ def directions(
     if not _pin.solves_contacts(problem.law == "ncp", len(problem.limits)):
         return None
     rows = padded(small)
-    found = _pin.admm(
+    lam, iterations = _pin.admm(
         rows.G, rows.g, rows.friction, rows.limits,
         ncp=problem.law == "ncp", tolerance=_SHARE * tolerance,
         max_iterations=max_iterations, anderson=anderson, guess=rows.spread(begin),
     )  # fmt: skip
-    return found.lam[rows.kept] * unit, found.iterations
+    return lam[rows.kept] * unit, iterations
 
 
 def accelerated(problem: ContactProblem) -> bool:

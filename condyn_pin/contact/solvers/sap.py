@@ -72,19 +72,19 @@ class SAP(ContactSolver):
 
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> SolverResult:
         """Return the minimum, from `guess` or from no impulses."""
-        at = _Function(problem)
+        function = _Function(problem)
         x = np.zeros(problem.rows) if guess is None else np.array(guess)
         for steps in range(self.max_iterations + 1):
-            lam = at.impulses(x)
-            if at.is_least(x, lam) or steps == self.max_iterations:
+            lam = function.impulses(x)
+            if function.is_least(x, lam) or steps == self.max_iterations:
                 break
             # G (1 + W G) dx = -G (x - lam), with the G in front of both left out
-            slope = np.eye(len(x)) + at.curvature(x) @ problem.G
+            slope = np.eye(len(x)) + function.curvature(x) @ problem.G
             try:
                 dx = np.asarray(np.linalg.solve(slope, lam - x))
             except np.linalg.LinAlgError:  # R is below the rounding of G: 1 + W G is W G
                 break
-            x = x + at.exact_step(x, dx) * dx
+            x = x + function.exact_step(x, dx) * dx
         return SolverResult(lam, steps, (self.title,))
 
     def alternatives(self, problem: ContactProblem, found: SolverResult) -> Iterator[SolverResult]:
@@ -92,8 +92,8 @@ class SAP(ContactSolver):
         stiff, _ = problem.scale
         R, start = _Function(problem).R, None
         for softer in stiff * _SOFTER:
-            at = self.attempt(problem.replaced(R=np.maximum(R, softer)), start)
-            found, start = at.after(found), at.lam
+            result = self.attempt(problem.replaced(R=np.maximum(R, softer)), start)
+            found, start = result.after(found), result.lam
         yield self.attempt(problem, start).after(found)
 
 
