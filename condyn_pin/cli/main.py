@@ -50,21 +50,15 @@ file. **Completion**: `condyn --install-completion` completes commands and the n
 """
 
 
-def _group(package: str, epilog: str | None = None) -> typer.Typer:
-    """Return the commands of a package under one name."""
-    group = typer.Typer(
-        epilog=epilog,
-        no_args_is_help=True,
-        pretty_exceptions_enable=False,
-        rich_markup_mode="markdown",
-        context_settings={"help_option_names": ["-h", "--help"]},
-    )
-    for name, module in commands(package).items():
-        group.command(rich_help_panel=module.PANEL)(getattr(module, name))
-    return group
-
-
-app = _group("condyn_pin.cli.commands", _EPILOG)
+app = typer.Typer(
+    epilog=_EPILOG,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode="markdown",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+for _name, _module in commands().items():
+    app.command(rich_help_panel=_module.PANEL)(getattr(_module, _name))
 
 
 def _print_version(wanted: bool) -> None:

@@ -18,7 +18,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from condyn_pin._core.files import check_writable, write_text
-from condyn_pin.errors import InvalidArgument, printable
+from condyn_pin.errors import Interrupted, InvalidArgument, printable
 
 # As shells say that a program was interrupted.
 INTERRUPTED: Final = 130
@@ -186,8 +186,6 @@ def progress_bar() -> Iterator[Report]:
 
 def until_stopped(run: Callable[[Report], _Found]) -> tuple[_Found, bool]:
     """Return the measurements of a run, complete or up to Ctrl-C, and True if Ctrl-C stopped it."""
-    from condyn_pin.errors import Interrupted
-
     try:
         with progress_bar() as progress:
             return run(progress), False

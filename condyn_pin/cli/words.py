@@ -22,7 +22,6 @@ from condyn_pin.contact.cones import Cone, FrictionCone, WrenchCone
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.controller import Controller
 from condyn_pin.control.qp import QPS
-from condyn_pin.control.qp.base import QPSolver
 from condyn_pin.control.tasks.base import Task
 from condyn_pin.control.tasks.center_of_mass import CenterOfMass
 from condyn_pin.control.tasks.frame_task import FrameTask
@@ -146,11 +145,6 @@ def solvers_of(names: str) -> tuple[Solver, ...]:
     return tuple(
         solver() for name, solver in SOLVERS.items() if name != "reference" and not solver.missing()
     )
-
-
-def qp_of(name: str) -> QPSolver:
-    """Return the solver of quadratic programs of a name."""
-    return _named("solver of quadratic programs", name, QPS)()
 
 
 def integrator_of(text: str | None) -> Integrator | None:
@@ -282,7 +276,7 @@ def _numbers(where: str, text: str) -> list[float]:
         raise InvalidArgument(f"{where}={text}: numbers with commas between are needed") from error
 
 
-# A robot that stands: the question that `condyn control` asks a controller.
+# A robot that stands, or lifts a foot: the program of `condyn control`.
 
 
 def ready_contacts(robot: Robot) -> str:
@@ -309,8 +303,8 @@ def stand_and_lift(
     passive = scene.robot.passive_torque(q, v)
     names, frames = _lifted(scene, lift)
     cones = {each.name: _cone(each, friction) for each in pressing(scene)}
-    wanted = _tasks(scene, q, com)
-    first = Controller(scene, _tasks(scene, q, None) if lift else wanted, cones=cones, qp=qp_of(qp))
+    wanted, program = _tasks(scene, q, com), _named("solver of quadratic programs", qp, QPS)()
+    first = Controller(scene, _tasks(scene, q, None) if lift else wanted, cones=cones, qp=program)
     before = first.solve(q, v, passive=passive)
     if not lift:
         return before, None

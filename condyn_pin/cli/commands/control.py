@@ -18,6 +18,7 @@ from condyn_pin.cli.output import (
     say,
     words,
 )
+from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from rich.table import Table
@@ -85,8 +86,10 @@ def control(
         print_json(_facts(before, after))
     else:
         _say(before, after)
-    if shown.status.ok:
-        _draw(shown, html, png)
+    if shown.status.ok and (html or png):
+        from condyn_pin.viewing.viewer import view
+
+        view(shown, balance=True, html=html, png=png, browser=False)
         for path in (html, png):
             if path and not as_json:
                 say(f"written: {path}")
@@ -96,7 +99,6 @@ def control(
 def _rise(up: float | None, lift: list[str]) -> float:
     """Return the acceleration of the lifted feet [m/s^2]."""
     from condyn_pin._core.arrays import finite
-    from condyn_pin.errors import InvalidArgument
 
     if up is None:
         return _UP
@@ -109,7 +111,6 @@ def _rise(up: float | None, lift: list[str]) -> float:
 def _demanded(text: str | None) -> tuple[float, ...] | None:
     """Return the acceleration that a text demands."""
     from condyn_pin.cli.words import names_in
-    from condyn_pin.errors import InvalidArgument
 
     if text is None:
         return None
@@ -234,11 +235,3 @@ def _facts(before: ControlAnswer, after: ControlAnswer | None) -> dict[str, obje
         "solve_time": shown.solve_time,
         "machine": machine(),
     }
-
-
-def _draw(answer: ControlAnswer, html: Path | None, png: Path | None) -> None:
-    from condyn_pin.viewing.viewer import view
-
-    if not (html or png):
-        return
-    view(answer, balance=True, html=html, png=png, browser=False)

@@ -20,7 +20,7 @@ from condyn_pin.cli.output import (
     write_json,
     write_table,
 )
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, NotReached
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -109,7 +109,7 @@ def trade(
     Ctrl-C keeps what was measured. Exits with 1 if no solver meets the error. With `--tune` a
     short study of one scene, with its `--contacts`, chooses for an error of 1e-8 or `--error`.
     """
-    from condyn_pin.cli.words import measures_of, swept_solvers_of
+    from condyn_pin.cli.words import measures_of, scene_of, swept_solvers_of
     from condyn_pin.study.bench import ROBOTS
     from condyn_pin.study.case import TimingEffort
     from condyn_pin.study.fresh import check_error
@@ -123,7 +123,9 @@ def trade(
     measures = measures_of(measure, dt, integrator, drift)
     chosen = swept_solvers_of(solvers, measures[0])
     if tune:
-        scene = _one_scene(robots, contacts, loops, variant)
+        if robots is None or len(robots) != 1:
+            raise InvalidArgument("--tune chooses for one scene: name one robot")
+        scene = scene_of(arg.Source(robots[0], variant), contacts, loops)
         _tune(scene, error, measure, chosen, save, as_json)
         return
     effort = TimingEffort(rounds=20) if quick else TimingEffort()
@@ -146,17 +148,6 @@ def _refuse(context: typer.Context, options: tuple[str, ...], where: str) -> Non
             raise InvalidArgument(f"{option.opts[0]} has no effect {where} --tune: leave it out")
 
 
-def _one_scene(
-    robots: list[str] | None, contacts: str, loops: bool, variant: list[str] | None
-) -> Scene:
-    """Return the scene of the only robot."""
-    from condyn_pin.cli.words import scene_of
-
-    if robots is None or len(robots) != 1:
-        raise InvalidArgument("--tune chooses for one scene: name one robot")
-    return scene_of(arg.Source(robots[0], variant), contacts, loops)
-
-
 def _tune(
     scene: Scene,
     error: float | None,
@@ -167,7 +158,6 @@ def _tune(
 ) -> None:
     """Choose the fastest solver of one scene, and keep the choice."""
     from condyn_pin._core.tolerances import SOLVED
-    from condyn_pin.errors import NotReached
     from condyn_pin.study.fresh import check_folder, path_of
     from condyn_pin.study.study import choose, keep, plan_for
 
@@ -223,8 +213,6 @@ def _run(study: Study, jobs: int, results: Path | None, progress: Report) -> Tab
 
 def _choose(table: Table, error: float, console: Console) -> bool:
     """Print the cheapest solver of each scene; True if every scene has one."""
-    from condyn_pin.errors import NotReached
-
     reached = True
     for scene, measure in dict.fromkeys((row.scene, row.measure) for row in table.rows):
         try:
