@@ -1,4 +1,4 @@
-"""Contacts that may let go: gaps, rows, what is refused, and what scenes, files and locks do."""
+"""Contacts that may open: gaps, rows, what is refused, and what scenes, files and locks do."""
 
 from __future__ import annotations
 

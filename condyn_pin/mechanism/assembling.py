@@ -149,12 +149,12 @@ def best_end(
 
     With the iterations of all runs, a status, and the clusters on the wrong side of a dead point.
     """
-    wanted = chains.branch(closer.equations.jacobian(start)) if branch is None else branch
+    on = chains.branch(closer.equations.jacobian(start)) if branch is None else branch
     best: Closing | None = None
     iterations, stopped = 0, False
     for end in closer.ends(start):
         iterations += end.iterations
-        if end.size <= tolerances.CLOSED and not _across(wanted, chains.branch(end.J)):
+        if end.size <= tolerances.CLOSED and not _across(on, chains.branch(end.J)):
             return replace(end, iterations=iterations), AssemblyStatus.CLOSED, ()
         if best is None or (best.size > tolerances.CLOSED and end.size <= best.size):
             best = end
@@ -163,7 +163,7 @@ def best_end(
     assert best is not None
     best = replace(best, iterations=iterations)
     if best.size <= tolerances.CLOSED:
-        return best, AssemblyStatus.BRANCH_CHANGED, _across(wanted, chains.branch(best.J))
+        return best, AssemblyStatus.BRANCH_CHANGED, _across(on, chains.branch(best.J))
     status = AssemblyStatus.UNREACHABLE if best.stationary else AssemblyStatus.STALLED
     return best, AssemblyStatus.OUT_OF_BUDGET if stopped else status, ()
 

@@ -183,7 +183,7 @@ def growth_vector(scene: Scene, q: ArrayLike | None = None, *, deepest: int = 4)
     scene.robot.check_unedited()
     q_ = scene.nominal.q if q is None else normalised(model, "q", q)
     check(scene, q_, None).raise_if_open()
-    allowed = _Allowed(scene)
+    allowed = _AllowedFields(scene)
     if is_integrable(scene, q_):  # exact, and far cheaper than differences of all brackets
         return (model.nv - allowed.rank,)
     first = [allowed.field(i) for i in allowed.chosen(q_)]
@@ -210,7 +210,7 @@ def _with_vector(basis: Array, z: Array) -> Array:
     return basis if is_in else np.vstack([basis, out / size])
 
 
-class _Allowed:
+class _AllowedFields:
     """The fields of allowed velocities of one scene, X_i(q) = (1 - A^+ A) e_i.
 
     Brackets of brackets need the same fields at the same places again: what is known is kept.
@@ -451,8 +451,8 @@ def _bracket(joint: Any, start: int, x: Array, y: Array, found: Array) -> None:
             start += int(part.nv)
     elif name in _TWISTS:
         chosen = list(_TWISTS[name])
-        one, two = np.zeros((2, 6))
-        one[chosen], two[chosen] = x[at], y[at]
-        found[at] = pin.Motion(one).cross(pin.Motion(two)).vector[chosen]
+        twist_x, twist_y = np.zeros((2, 6))
+        twist_x[chosen], twist_y[chosen] = x[at], y[at]
+        found[at] = pin.Motion(twist_x).cross(pin.Motion(twist_y)).vector[chosen]
     elif joint.nv > 1 and joint.nq != joint.nv:
         raise InvalidArgument(f"scene: the Lie bracket of a {name} is not known")

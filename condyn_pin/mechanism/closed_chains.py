@@ -78,10 +78,10 @@ class ClosedChains:
 
 def chains_of(scene: Scene) -> ClosedChains:
     """Return the closed chains of a scene; they are found once."""
-    of = scene_without_time(scene)
-    known = vars(of)
+    timeless = scene_without_time(scene)
+    known = vars(timeless)
     if "_chains" not in known:
-        known["_chains"] = read_only(_chains(of))
+        known["_chains"] = read_only(_chains(timeless))
     found: ClosedChains = known["_chains"]
     return found
 

@@ -159,15 +159,6 @@ class Rank:
                 "motion from here closes them all, and no acceleration satisfies them; leave one "
                 "out, or move its frames"
             )
-        yield from self._singularity()
-        if self.closed and self.rank > self.generic_rank:
-            yield (
-                f"rank {self.rank} here, {self.generic_rank} near the first posture, which is "
-                "singular in its neighbourhood too, or on another branch"
-            )
-
-    def _singularity(self) -> Iterator[str]:
-        """Sentences on a singular configuration, or one that is nearly singular."""
         if self.singular:
             yield (
                 f"singular configuration: rank {self.rank} here, {self.generic_rank} nearby; "
@@ -187,6 +178,11 @@ class Rank:
                 "nearly singular: constraint forces are large and badly determined here, along "
                 f"{', '.join(self.weak)}, and grow without bound on the way to the singular "
                 f"configuration; a and J^T lam are unique, to about {_EPS / share:.0e}"
+            )
+        if self.closed and self.rank > self.generic_rank:
+            yield (
+                f"rank {self.rank} here, {self.generic_rank} near the first posture, which is "
+                "singular in its neighbourhood too, or on another branch"
             )
 
 
