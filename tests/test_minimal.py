@@ -18,9 +18,9 @@ from condyn_pin._core.joints import indices
 from condyn_pin._core.timing import Times
 from condyn_pin._core.tolerances import EXACT
 from condyn_pin.dynamics.scene import motor_torque
-from condyn_pin.mechanism.reduction import loaded, same_motion, standing_torque
 from lab import hierarchy
 from lab.hierarchy import climb, draw_hierarchy, save_hierarchies
+from lab.same_motion import loaded, same_motion, standing_torque
 
 FEW = lab.HierarchyEffort(states=2, rounds=5, repeats=2)
 

@@ -1,8 +1,8 @@
 """Model hierarchies: one machine, scene by scene smaller, with speed and price of each model.
 
-The same motions are put into every model (`condyn_pin.mechanism.reduction`), and what is watched is
-compared with the first model (`condyn_pin.mechanism.minimal_scene`). A hierarchy is data: to add
-one is to add a `ModelHierarchy` at the end of this file and to `HIERARCHIES`.
+The same motions are put into every model (`lab.same_motion`), and what is watched is compared with
+the first model (`condyn_pin.mechanism.minimal_scene`). A hierarchy is data: to add one is to add a
+`ModelHierarchy` at the end of this file and to `HIERARCHIES`.
 """
 
 from __future__ import annotations
@@ -30,16 +30,11 @@ from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.errors import unknown_name
 from condyn_pin.io.load import load_robot
 from condyn_pin.mechanism.minimal_scene import answers, compare, time_trials, trial
-from condyn_pin.mechanism.reduction import (
-    keep,
-    loaded,
-    reduced,
-    same_motion,
-    standing_torque,
-)
+from condyn_pin.mechanism.reduction import keep, reduced
 from condyn_pin.mechanism.suggestions import merge_points, rods_as_distances, without_linkage
 from condyn_pin.model.smaller import free_flyers
 from condyn_pin.study.tables import Columns, Measurements, Record, markdown
+from lab.same_motion import loaded, same_motion, standing_torque
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -302,7 +297,7 @@ def climb(chosen: ModelHierarchy, *, effort: HierarchyEffort) -> HierarchyTable:
     """Measure every model of a ladder: errors on the same motions, times in one interleaved run."""
     scenes = chosen.scenes()
     source, smallest = scenes[chosen.sampled], list(scenes.values())[-1]
-    watched = (*free_flyers(smallest.robot), *smallest.robot.actuated)
+    watched = (*free_flyers(smallest.robot), *smallest.robot.motor_joints)
     rng = np.random.default_rng(0)
     motions = [_standing(source, rng) for _ in range(effort.states)]
     states = {
@@ -342,7 +337,7 @@ def _standing(scene: Scene, rng: np.random.Generator) -> State:
     """Return a random motion, under the motor torques that carry the robot and random ones."""
     robot = scene.robot
     q, v = scene.sample(rng)
-    _, motors = indices(robot.model, robot.actuated)
+    _, motors = indices(robot.model, robot.motor_joints)
     tau = standing_torque(scene, q)
     tau[motors] += _PUSH * scene.nominal.weight * rng.normal(size=len(motors))
     return q, v, tau
