@@ -8,13 +8,17 @@ from typing import ClassVar
 
 import numpy as np
 
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.lcaba import LCABA
+from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import SolveFailed
-from condyn_pin.study.measures.base import Answer, Measure, bare, relative, unthrown
+from condyn_pin.study.measures.base import Answer, Measure, relative, unthrown
 
 
 @dataclass(frozen=True)
@@ -45,5 +49,10 @@ class AccelerationMeasure(Measure):
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:
         """Return the hot loop, the solve with its residuals, and Pinocchio's own call."""
         calls: dict[str, Call] = {"once": workspace.acceleration, "solve": unthrown(workspace)}
-        pinocchio = bare(workspace)
-        return calls if pinocchio is None else calls | {"bare": pinocchio}
+        if isinstance(workspace.solver, LCABA | Proximal):
+            call = _pin.lcaba() if isinstance(workspace.solver, LCABA) else pin.constraintDynamics
+            model, data = workspace.model, workspace.data
+            models, datas = workspace.constraint_models, workspace.constraint_datas
+            settings = workspace.proximal_settings
+            calls["bare"] = lambda q, v, tau: call(model, data, q, v, tau, models, datas, settings)
+        return calls

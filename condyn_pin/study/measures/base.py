@@ -30,16 +30,12 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from condyn_pin._core import _pin
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Grid, enter
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.scene import Scene, standard_scenes
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
-from condyn_pin.dynamics.solvers.lcaba import LCABA
-from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import unknown_name
 from condyn_pin.model.robot import Robot
@@ -155,17 +151,6 @@ def relative(x: Array, truth: Array, least: float) -> float:
 def unthrown(workspace: Workspace) -> Call:
     """Return `Workspace.solve` with throw=False: no exception, whatever the status."""
     return partial(workspace.solve, throw=False)
-
-
-def bare(workspace: Workspace) -> Call | None:
-    """Return the call of Pinocchio behind the solver of a workspace, if it is one call."""
-    if not isinstance(workspace.solver, LCABA | Proximal):
-        return None
-    call = _pin.lcaba() if isinstance(workspace.solver, LCABA) else pin.constraintDynamics
-    model, data = workspace.model, workspace.data
-    models, datas = workspace.constraint_models, workspace.constraint_datas
-    settings = workspace.proximal_settings
-    return lambda q, v, tau: call(model, data, q, v, tau, models, datas, settings)
 
 
 def or_inf(x: float) -> float:
