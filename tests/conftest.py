@@ -4,12 +4,14 @@ Tests marked `chromium` look at what a browser draws. Without one they are left 
 the run says so; where CI=true they fail. Tests marked `native` use the compiled core, and are left
 out where it is not installed, but for those to which it is optional; with `-m native` they fail.
 Tests marked `once` run on Pinocchio 4 alone. Those of `QUICK` are marked `quick`, for a first look
-at a change in under a minute.
+at a change in under a minute. Those marked `long`, and of those marked `pairs` all but few cases of
+the product, are left out without `--long`; the end of the run says how many.
 """
 
 import os
 import re
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 # Judges and random machines are benchmarks, too.
@@ -21,6 +23,7 @@ if os.environ.get("TEST_THREADS") != "unset":
 
 import pytest
 from hypothesis import HealthCheck, settings
+from pairwise import cover
 
 # Pages are as wide and as plain as they are without a terminal, and no window opens.
 _COLOURS = ("FORCE_COLOR", "CLICOLOR_FORCE", "TTY_COMPATIBLE", "TTY_INTERACTIVE")
@@ -36,6 +39,7 @@ settings.register_profile("search", max_examples=1000, **_slow)
 settings.load_profile("same")
 
 
+_LEFT_OUT = pytest.StashKey[int]()
 _NO_CHROMIUM = "there is no Chromium"
 _NO_CORE = "the compiled core is not installed"
 _CURES = {
@@ -73,11 +77,17 @@ QUICK = {
 }
 
 
+def pytest_addoption(parser):
+    parser.addoption("--long", action="store_true", help="long tests too, and whole products")
+
+
 def pytest_configure(config):
     config.addinivalue_line("markers", "chromium: looks at what a browser draws")
     config.addinivalue_line("markers", "once: Pinocchio has no part in it, one version will do")
     config.addinivalue_line("markers", "quick: most rooms once, in under a minute")
     config.addinivalue_line("markers", "native(optional=False): uses the compiled core")
+    config.addinivalue_line("markers", "long: with --long alone, before a release")
+    config.addinivalue_line("markers", "pairs: of any two parameters every pair; all with --long")
 
 
 def pytest_ignore_collect(collection_path, config):
@@ -93,10 +103,29 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.native)
         if re.search(QUICK.get(item.path.name, "$^"), item.name):
             item.add_marker(pytest.mark.quick)
+    if not config.option.long and not any("[" in arg for arg in config.args):  # a case by its name
+        _deselect_long(config, items)
     if not _has_chromium() and os.environ.get("CI") != "true":  # there they fail
         _skip(items, "chromium", _NO_CHROMIUM)
     if not _has_core() and "native" not in config.option.markexpr:  # chosen, they fail
         _skip(items, "native", _NO_CORE)
+
+
+def _deselect_long(config, items):
+    products = defaultdict(lambda: defaultdict(list))  # of each function, its cases by their values
+    for item in items:
+        if item.get_closest_marker("pairs"):
+            values = tuple(map(id, item.callspec.params.values()))
+            products[item.function][values].append(item)
+    left_out = {item for item in items if item.get_closest_marker("long")}
+    for cases in products.values():
+        for values in cases.keys() - cover([*cases]):
+            left_out.update(cases[values])
+    config.stash[_LEFT_OUT] = len(left_out)
+    if hasattr(config, "workeroutput"):  # of xdist: they go to the process that writes the summary
+        config.workeroutput["left out"] = len(left_out)
+    config.hook.pytest_deselected(items=[item for item in items if item in left_out])
+    items[:] = [item for item in items if item not in left_out]
 
 
 def _of_compiled_solver(item):
@@ -139,7 +168,14 @@ def _skip(items, name, reason):
             item.add_marker(pytest.mark.skip(reason=reason))
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_testnodedown(node):
+    node.config.stash[_LEFT_OUT] = getattr(node, "workeroutput", {}).get("left out", 0)
+
+
 def pytest_terminal_summary(terminalreporter):
+    if count := terminalreporter.config.stash.get(_LEFT_OUT, 0):
+        terminalreporter.write_line(f"{count} long tests were left out: pytest --long has them")
     skipped = terminalreporter.stats.get("skipped", [])
     for reason, cure in _CURES.items():
         count = sum(reason in str(report.longrepr) for report in skipped)

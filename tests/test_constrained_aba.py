@@ -123,6 +123,7 @@ def test_a_joint_that_is_not_compiled_is_refused_by_name(kind):
 # --- hard numbers
 
 
+@pytest.mark.pairs
 @pytest.mark.native
 @each_kind
 @pytest.mark.parametrize("label", HELD)

@@ -67,6 +67,7 @@ def two_arms(root: str) -> cp.Robot:
 PULLED = cp.Baumgarte(3.0, 5.0)
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize(
     ("closed", "moving", "drift"),
     [

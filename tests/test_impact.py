@@ -243,6 +243,7 @@ def test_a_loop_that_snaps_shut_keeps_the_momentum(kind):
     assert np.allclose(before, after, atol=1e-12)
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("e", [0.0, 0.6])
 @pytest.mark.parametrize("kind", list(CONSTRAINTS))
 @pytest.mark.parametrize("root", list(ROOTS))

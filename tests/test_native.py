@@ -539,6 +539,7 @@ DRIFTS = {
 }
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("drift", DRIFTS)
 @pytest.mark.parametrize("steps", STEPS)
 @pytest.mark.parametrize("label", ["cassie loops", "four_bar loops", "solo12 contacts"])
@@ -583,6 +584,7 @@ def assert_moved_alike(
         np.testing.assert_allclose(one, two, rtol=1e-6, atol=least, err_msg=name)
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("drift", DRIFTS)
 @pytest.mark.parametrize("steps", STEPS)
 @pytest.mark.parametrize("label", ["four_bar rod", "unicycle contacts", "rolling_disc contacts"])

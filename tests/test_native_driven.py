@@ -176,6 +176,7 @@ def test_the_memory_of_a_workspace_may_have_moved_on():
     assert near(answer["a"][0], cp.solve(scene, q[0], v[0], tau[0]).a, 1e-12)
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("drift", DRIFTS)
 @pytest.mark.parametrize("steps", STEPS)
 @pytest.mark.parametrize("label", ["crank", "cylinder", "gear"])

@@ -31,6 +31,7 @@ def assert_near(found: np.ndarray, wanted: np.ndarray, share: float, what: str) 
         np.testing.assert_allclose(one, two, rtol=0, atol=share * size, err_msg=what)
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("noise", [1e-9, 1e-7, 1e-4, 1e-2])
 @pytest.mark.parametrize("solver", [None, NULL_SPACE], ids=["default", "null space"])
 @pytest.mark.parametrize("name", machines())

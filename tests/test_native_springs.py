@@ -79,6 +79,7 @@ def chain() -> cp.Scene:
 # Motions
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("drift", ["Baumgarte", "post", "post, every third"])
 @pytest.mark.parametrize("by", STEPS)
 @pytest.mark.parametrize("label", ["cassie loops", "four_bar loops", "four_bar rod"])

@@ -336,6 +336,7 @@ def test_a_frame_may_sit_anywhere_on_the_wheel(seed, axis):
 # Solvers
 
 
+@pytest.mark.pairs
 @each_side
 @each_exact_solver
 def test_every_solver_agrees_with_reference_or_refuses_by_name(label, on, solver):

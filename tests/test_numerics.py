@@ -189,6 +189,7 @@ def test_ok_is_never_a_lie(label, exponent, iterations, which, kind):
         assert solution.error_bound > 1e-8
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("moving", [0.0, 1.0])
 @pytest.mark.parametrize("angle", [10.0**-k for k in range(1, 13)])
 @each_solver
@@ -226,6 +227,7 @@ def test_a_doubtful_answer_is_judged_at_its_own_state():
     assert solution.status.ok
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("constrained", [False, True])
 @pytest.mark.parametrize("distance", [1e-1, 1e-3, 1e-4, 1e-6, 1e-8, 0.0])
 @each_solver

@@ -1087,6 +1087,7 @@ def changed(scene, scheme, route, parameter: str, s: np.ndarray):
     return cp.Scene(scene.robot, contacts=[moved]), scheme, route
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("parameter", ["friction", "restitution", "solref", "inertias"])
 @pytest.mark.parametrize("scheme", [*HARD, *CONVEX], ids=lambda s: type(s).__name__)
 @pytest.mark.parametrize("name", ROUTES)

@@ -35,6 +35,7 @@ BOX_AT_REST = """<mujoco><option timestep="1e-3" cone="elliptic"/>
 <geom type="box" size=".1 .08 .05" mass="1"/></body></worldbody></mujoco>"""
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("solver", [ADMM(tolerance=1e-11), SAP(), SemismoothNewton()], ids=repr)
 @pytest.mark.parametrize("impratio", [1.0, 10.0])
 @pytest.mark.parametrize(

@@ -63,6 +63,7 @@ def test_the_terms_are_those_of_the_lagrangian(case, closed):
         assert_near(workspace.violation(q)[case.kept], wanted.c, 1e-12)
 
 
+@pytest.mark.pairs
 @each_drift
 @each_place
 @each_case
@@ -77,6 +78,7 @@ def test_the_answer_is_the_solution_of_the_lagrangian(case, closed, drift):
         assert np.abs(np.delete(solution.lam, case.kept)).max(initial=0.0) < 1e-12
 
 
+@pytest.mark.pairs
 @each_drift
 @each_place
 @each_case
@@ -109,6 +111,7 @@ def test_the_solvers_return_the_two_formulas(case, closed, drift):
             assert_near(solution.lam[case.kept], floats(lam), 1e-12)
 
 
+@pytest.mark.pairs
 @each_drift
 @each_place
 @each_case
@@ -146,6 +149,7 @@ def test_baumgarte_makes_a_gap_a_damped_spring():
     assert sp.expand(characteristic / mode - factors) == 0
 
 
+@pytest.mark.pairs
 @each_drift
 @each_place
 @each_case
