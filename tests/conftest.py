@@ -113,11 +113,11 @@ def pytest_collection_modifyitems(config, items):
 
 def _deselect_long(config, items):
     products = defaultdict(lambda: defaultdict(list))  # of each function, its cases by their values
+    left_out = {item for item in items if item.get_closest_marker("long")}
     for item in items:
-        if item.get_closest_marker("pairs"):
+        if item.get_closest_marker("pairs") and item not in left_out:
             values = tuple(map(id, item.callspec.params.values()))
             products[item.function][values].append(item)
-    left_out = {item for item in items if item.get_closest_marker("long")}
     for cases in products.values():
         for values in cases.keys() - cover([*cases]):
             left_out.update(cases[values])

@@ -162,7 +162,15 @@ def calls(work: Callable[[], object]) -> int:
     return count // 2  # a call and its return
 
 
-each_scene = pytest.mark.parametrize("label", list(all_scenes()))
+# Robots that stand as another one does, on the same rows.
+LIKE_OTHERS = ("anymal_c", "go2", "hyq", "g1", "talos_full", "free_ball")
+each_scene = pytest.mark.parametrize(
+    "label",
+    [
+        pytest.param(label, marks=pytest.mark.long if label.split()[0] in LIKE_OTHERS else ())
+        for label in all_scenes()
+    ],
+)
 each_solver = pytest.mark.parametrize("solver", [s() for s in SOLVERS.values()], ids=list(SOLVERS))
 each_exact_solver = pytest.mark.parametrize(
     "solver",

@@ -8,7 +8,7 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from shared import all_scenes, robot
+from shared import all_scenes, each_scene, robot
 
 import condyn_pin as cp
 from condyn_pin._core import timing
@@ -102,7 +102,7 @@ def test_dense_is_the_fastest_of_the_dense(monkeypatch):
     assert all(row.to_dense < 1.0 for row in rows[1:-1])
 
 
-@pytest.mark.parametrize("label", sorted(all_scenes()))
+@each_scene
 def test_by_hand_is_right_or_not_there(label):
     scene = all_scenes()[label]
     damping = 1e-11 * scene.nominal.delassus_norm if scene.nominal.redundant else 0.0

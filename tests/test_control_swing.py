@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from numpy.typing import NDArray
-from shared import all_scenes, robot
+from shared import all_scenes, each_scene, robot
 
 import condyn_pin as cp
 from condyn_pin._core import tolerances
@@ -110,7 +110,7 @@ def test_rows_that_have_no_cone_are_formed_alone() -> None:
     np.testing.assert_array_equal(program._held.jacobian(q), wanted)
 
 
-@pytest.mark.parametrize("label", all_scenes())
+@each_scene
 def test_the_jacobian_of_points_and_frames_needs_no_motion(label: str) -> None:
     scene = all_scenes()[label]
     equations = Equations(scene.robot.model, scene.bounds)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from shared import all_scenes
+from shared import all_scenes, each_scene
 
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.rows.equations import MANY, BatchedGaps, Equations
@@ -12,9 +11,9 @@ from condyn_pin.constraints.rows.equations import MANY, BatchedGaps, Equations
 ROUNDING = 1e-12  # of gaps and slips of a few units; measured: 2e-15
 
 
-@pytest.mark.parametrize("name", all_scenes())
-def test_gaps_of_many_states_are_those_of_each(name):
-    scene = all_scenes()[name]
+@each_scene
+def test_gaps_of_many_states_are_those_of_each(label):
+    scene = all_scenes()[label]
     model, rng = scene.robot.model, np.random.default_rng(4)
     equations = Equations(model, scene.bounds)
     many = BatchedGaps(equations)

@@ -183,7 +183,14 @@ def case_of(label: str, seed: int) -> Case:
     return Case(SCENES[label], seed)
 
 
-@pytest.fixture(params=[(label, seed) for label in SCENES for seed in SEEDS], ids=str)
+CASES = [
+    pytest.param((label, seed), marks=pytest.mark.long if seed else ())
+    for label in SCENES
+    for seed in SEEDS
+]
+
+
+@pytest.fixture(params=CASES, ids=str)
 def case(request: pytest.FixtureRequest) -> Case:
     return case_of(*request.param)
 

@@ -44,6 +44,7 @@ COMBINATIONS = [
 ]
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("order", [1, -1])
 @pytest.mark.parametrize(("one", "two"), COMBINATIONS)
 def test_steps_of_two_bodies_in_the_air_are_those_of_python(one, two, order, monkeypatch):

@@ -52,6 +52,7 @@ def answers_of(scene, state):
     return answer
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("noise", NOISES, ids=str)
 @pytest.mark.parametrize("name", machines())
 def test_derivatives_are_those_of_the_answer(name, noise):

@@ -94,6 +94,7 @@ def test_substeps_are_as_long_as_those_of_a_four_bar(name):
     assert torques_asked(machines()[name]) < 1.2 * torques_asked(machines()["four_bar, hinge"])
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("name", ["bennett", "trammel", "bricard", "cassie"])
 @pytest.mark.parametrize("method", INTEGRATORS)
 def test_every_integrator_keeps_the_energy(name, method):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from shared import all_scenes, relative, states, takes, truth
+from shared import all_scenes, each_scene, relative, states, takes, truth
 
 import condyn_pin as cp
 
 
-@pytest.mark.parametrize("label", all_scenes())
+@each_scene
 def test_a_correction_is_one_more_iteration(label):
     """With residuals from elsewhere: what Pinocchio iterates is what the equations ask for."""
     scene = all_scenes()[label]
@@ -25,7 +25,7 @@ def test_a_correction_is_one_more_iteration(label):
         assert other.iterations == 3
 
 
-@pytest.mark.parametrize("label", all_scenes())
+@each_scene
 def test_two_corrections_of_a_damped_solve_reach_rounding(label):
     """Also with redundant rows, where the matrix is singular without mu."""
     scene = all_scenes()[label]

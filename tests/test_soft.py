@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from referee import MujocoReferee
-from shared import all_scenes, relative, robot, states
+from shared import all_scenes, each_scene, relative, robot, states
 
 import condyn_pin as cp
 from condyn_pin._core.tolerances import SOLVED
@@ -199,11 +199,11 @@ def opened(scene: cp.Scene, state, size=1e-3):
     return pin.integrate(scene.robot.model, q, away), v + away, tau
 
 
-@pytest.mark.parametrize("label", sorted(all_scenes()))
+@each_scene
 def test_derivatives_are_those_of_differences(label):
     """Also where constraints are open: impedance, and with it R and k, change with the gap."""
     scene, softs = all_scenes()[label], (cp.dynamics.Soft(), STIFF, DIRECT)
-    soft = softs[sorted(all_scenes()).index(label) % 3]
+    soft = softs[[*all_scenes()].index(label) % 3]
     state = opened(scene, states(label)[0])
     exact = cp.derivatives(scene, *state, solver=soft)
     wanted = cp.derivatives(scene, *state, solver=soft, method="differences")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shared import SOLVERS, all_scenes, relative, states, takes, truth
+from shared import SOLVERS, all_scenes, each_scene, relative, states, takes, truth
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
@@ -131,7 +131,7 @@ def test_a_mass_matrix_that_is_none_is_no_answer():
 # --- Dense KKT
 
 
-@pytest.mark.parametrize("label", sorted(all_scenes()))
+@each_scene
 def test_dense_kkt_says_singular_where_rows_are_redundant_and_only_there(label):
     """Its two random right-hand sides miss no singularity at any of a hundred states."""
     scene = all_scenes()[label]
