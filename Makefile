@@ -1,9 +1,11 @@
-# make test      set up a virtual environment, check style and types, run every test; those that need the compiled core are
-#                left out where it is not installed
+# make test      set up a virtual environment, check style and types, run the tests; those that need the compiled core are
+#                left out where it is not installed, and those that are long
 # make test-quick  most rooms once, in under a minute (`QUICK` in tests/conftest.py); no style, no types
 # make test-native  after `make native`, the tests that use the compiled core
 # make test3     the same tests on Pinocchio 3.9, in an environment of its own
-# make test3-calls  of these, all in which Pinocchio has a part; the numerical ones with an older processor's kernel
+# make test3-calls  of these, those of what changed from 3 to 4 and of each kind, with an older processor's kernel
+# make long      before a release: all tests with --long and the core, on both; every kernel, stress, the campaign (hours)
+# make mutants   the share of small mistakes in the library that tests find (hours)
 # make test-kernels   both, as other processors would round: all kernels of OpenBLAS that this one
 #                     runs, numpy without AVX, 1, 4 and all threads (hours); TESTS="tests/test_x.py"
 # make test-numerics  the numerical tests on Pinocchio 4 with another, newer processor's kernel (minutes)
@@ -29,6 +31,8 @@ VENVN  := .venv-native
 NATIVE := $(shell find native -path native/build -prune -o -type f -print)
 PEERS  ?= build/peers
 BIN    := $(VENV)/bin
+CALLS  := $(patsubst %,tests/test_%.py,pin traps package kinds contract solvers lcaba equations derivatives impact cones \
+  contact_solvers steppers integrators drift events simulate routes robot urdf transmission)
 NUMERICS := $(patsubst %,tests/test_%.py,contract weights extremes nonholonomic bridge derivatives batch \
   contact_solvers contact_residuals contact_motions steppers control qp)
 PIP    := -m pip install --quiet --disable-pip-version-check
@@ -40,7 +44,7 @@ export PIP_DEFAULT_TIMEOUT ?= 120
 # Tests start a thousand interpreters: each would compile all of our files again, and pytest all tests.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: dist test test-quick test-native test3 test3-calls test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
+.PHONY: dist test test-quick long mutants test-native test3 test3-calls test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
@@ -61,8 +65,19 @@ test3: $(VENV3)/ready
 	$(VENV3)/bin/python -m pytest -n 2
 
 test3-calls: $(VENV3)/ready
-	$(VENV3)/bin/python tests/kernels.py --older -- -n 2 -m "not once" $(NUMERICS)
-	$(VENV3)/bin/python -m pytest -n 2 -m "not once" $(NUMERICS:%=--ignore=%)
+	$(VENV3)/bin/python tests/kernels.py --older -- -n 2 -m "not once" $(CALLS)
+
+long: style $(VENV3)/ready
+	$(MAKE) native
+	$(BIN)/python -m pytest -n 2 --long
+	$(VENV3)/bin/python -m pytest -n 2 --long
+	$(MAKE) test-kernels stress
+	$(BIN)/python -m pytest -n 2 --hypothesis-profile=search tests/test_sdf_fuzz.py
+	$(BIN)/python benchmarks/campaign.py --seeds 0:1000
+	$(VENV3)/bin/python benchmarks/campaign.py --seeds 0:1000
+
+mutants: $(VENV)/ready
+	$(BIN)/python tests/mutants.py
 
 test-kernels: $(VENV)/ready $(VENV3)/ready
 	$(BIN)/python tests/kernels.py -- -n 2 $(TESTS)

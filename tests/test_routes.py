@@ -649,15 +649,15 @@ def test_what_sticks_has_no_slope_by_friction():
     floor = cp.FrictionalContact("box", cp.constraints.Box(0.1, 0.06, 0.04), friction=0.5)
     scene = cp.Scene(box, contacts=[floor])
     q, v = scene.state()
-    v[0] = 1.0  # it stops after 0.2039 s, v^2 / (2 mu g) further on
+    v[0] = 0.5  # it stops after 0.1019 s, v^2 / (2 mu g) further on
     by = {}
-    for duration in (0.2, 0.25, 0.3):
+    for duration in (0.1, 0.125, 0.15):
         run = cp.simulate(scene, q, v, duration=duration, dt=1e-3, integrator=HARD[1])
         by[duration] = trajectory_derivatives(run, wrt=["friction"]).by("friction").sum(axis=1)
-    assert by[0.2][0] == pytest.approx(-9.81 * 0.2**2 / 2, rel=1e-9)  # x = v t - mu g t^2 / 2
-    assert by[0.25][0] == pytest.approx(-1 / (2 * 0.5**2 * 9.81), rel=1e-2)  # where it stops
-    assert by[0.3] == pytest.approx(by[0.25], abs=1e-12)  # and rest adds nothing to it
-    assert abs(by[0.3][6:]).max() < 1e-12
+    assert by[0.1][0] == pytest.approx(-9.81 * 0.1**2 / 2, rel=1e-9)  # x = v t - mu g t^2 / 2
+    assert by[0.125][0] == pytest.approx(-(0.5**2) / (2 * 0.5**2 * 9.81), rel=1e-2)  # its stop
+    assert by[0.15] == pytest.approx(by[0.125], abs=1e-12)  # and rest adds nothing to it
+    assert abs(by[0.15][6:]).max() < 1e-12
     tau = np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # less than mu m g
     run = cp.simulate(scene, q, 0 * v, tau, duration=0.02, dt=1e-3, integrator=HARD[1])
     assert abs(trajectory_derivatives(run, tau, wrt=["friction"]).by("friction")).max() < 1e-12
@@ -1020,7 +1020,8 @@ def test_an_impact_by_what_a_box_weighs(law, seed):
     [
         (HARD[0], ActiveSet(), "friction"), (HARD[1], ActiveSet(), "friction"),
         (HARD[1], ActiveSet(), "restitution"), (HARD[1], Kappa(1e-3), "restitution"),
-        (HARD[1], Kappa(1e-3), "friction"), (CONVEX[0], ActiveSet(), "friction"),
+        pytest.param(HARD[1], Kappa(1e-3), "friction", marks=pytest.mark.long),
+        (CONVEX[0], ActiveSet(), "friction"),
         (CONVEX[1], ActiveSet(), "friction"), (CONVEX[1], ActiveSet(), "solref"),
         (CONVEX[1], Kappa(1e-3), "solref"), (HARD[0], Softened(), "friction"),
         (HARD[0], Softened(), "solref"),
