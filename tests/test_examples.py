@@ -17,7 +17,7 @@ from condyn_pin.control.qp.base import QPResult
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
-# Long loops around calls of Pinocchio that shorter examples make too.
+# Long loops around calls that shorter examples make too.
 LONG = (
     "12_many_states", "19_talos_is_pushed", "21_identify_friction", "22_swing_by_ilqr",
     "24_weigh_by_pushing", "30_vakonomic_sleigh", "31_steer_by_sinusoids",
@@ -46,7 +46,7 @@ def test_a_preview_that_is_not_solved_says_so(monkeypatch):
 
 
 def marked(path: Path) -> object:
-    marks = pytest.mark.once if path.stem in LONG else ()
+    marks = pytest.mark.long if path.stem in LONG else ()
     return pytest.param(path, marks=marks, id=path.stem)
 
 
