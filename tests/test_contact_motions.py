@@ -100,7 +100,7 @@ def test_bodies_that_hit_each_other_keep_their_momentum(
     contact = FrictionalContact("a/box", half, on="b/box", on_shape=half, friction=0.5)
     scene = cp.Scene(replace(boxes, model=model), contacts=[contact])
     rng = np.random.default_rng(0)
-    for _ in range(4):
+    for _ in range(2):
         one, two = (pin.exp3(rng.normal(size=3)) for _ in "ab")
         q = np.concatenate([
             (0, 0, 0.3), pin.Quaternion(one).coeffs(), (0.05, 0, 0), pin.Quaternion(two).coeffs()
@@ -249,7 +249,7 @@ def test_a_turned_world_and_another_order_move_the_same(
     turn = pin.exp3(np.array([0.7, -0.4, 1.1]))
     ends = []
     for R, order in ((np.eye(3), (0, 1, 2, 3)), (turn, (0, 1, 2, 3)), (turn, (2, 0, 3, 1))):
-        run = cp.simulate(*dropped(R, order), duration=0.25, dt=1e-3, integrator=scheme)
+        run = cp.simulate(*dropped(R, order), duration=0.15, dt=1e-3, integrator=scheme)
         assert run.status.ok, run.reason
         ends.append(R.T @ run.q[-1, :3])
         assert np.diff(run.energy.contact).max() < (1e-3 if scheme.gives_way else 1e-9)
