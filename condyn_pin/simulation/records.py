@@ -235,7 +235,8 @@ def joined(names: Sequence[tuple[str, ...]], parts: Sequence[Array]) -> ContactR
     places = {name: i for i, name in enumerate(dict.fromkeys(n for each in names for n in each))}
     widths = [width(len(its)) for its in names]
     is_driven = any(part.shape[1] > own for part, own in zip(parts, widths, strict=True))
-    columns, driven = [], 0.0  # its work stays what it is while nothing is
+    columns: list[Array] = []
+    driven = 0.0  # its work stays what it is while nothing is
     for its, own, part in zip(names, widths, parts, strict=True):
         if not part.shape[1]:  # without contacts, their work stays what it is
             part = np.zeros((len(part), own))
