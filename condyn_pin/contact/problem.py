@@ -276,11 +276,6 @@ class ContactSets:
         return np.arange(3 * len(self.friction)).reshape(-1, 3)
 
     @cached_property
-    def ice(self) -> NDArray[np.bool_]:
-        """Mask of the cones without friction (k,)."""
-        return np.asarray(self.friction == 0)
-
-    @cached_property
     def coefficients(self) -> list[float]:
         """Friction of the cones, as plain numbers."""
         return self.friction.tolist()  # type: ignore[no-any-return]
