@@ -442,7 +442,7 @@ class Sweeps:
         self.weightless = pin.Model(self.model)
         self.weightless.gravity = pin.Motion.Zero()
         self.P = inverse_delassus(scene.nominal)
-        self.enough = scene.nominal.estimator.enough / 10
+        self.enough = scene.nominal.estimator.tolerated_constraint_error / 10
 
     def free(self, q: Array, v: Array, tau: Array, lam: Array) -> Array:
         """Return M^-1 (tau + J^T lam - h)."""
