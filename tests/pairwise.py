@@ -1,7 +1,7 @@
 """Few cases of a product of parameters: of any two parameters, every pair of values.
 
 Most defects show where two values meet, few only where three do: of solvers, scenes and properties
-1/6 of the product does. A product of two parameters is all pairs: of it, every value comes twice.
+1/6 of the product has every pair. A product of two parameters is all pairs: no case can go.
 """
 
 from __future__ import annotations
@@ -14,20 +14,17 @@ Case = tuple[Hashable, ...]  # a value of each parameter
 
 
 def cover(cases: Sequence[Case]) -> set[Case]:
-    """Cases with every value twice; of three parameters or more, with every pair of values too.
+    """Cases with every pair of values, and with every value twice.
 
     Pairs come in the order of how few cases they have. Each takes the case with most that is still
     missing; of equal ones that with the values used least; then the first.
     """
-    columns = [tuple(map(column.index, column)) for column in zip(*cases, strict=True)]
-    several = [i for i, column in enumerate(columns) if column not in columns[:i]]
 
     def values(case: Case) -> list:
-        return [((i, case[i]),) for i in several]
+        return [*combinations(enumerate(case), 1)]
 
     def parts(case: Case) -> list:
-        pairs = combinations(((i, case[i]) for i in several), 2)
-        return [*values(case), *(pairs if len(several) > 2 else ())]
+        return [*values(case), *combinations(enumerate(case), 2)]
 
     having: dict[tuple, list[Case]] = {}
     for case in cases:

@@ -52,9 +52,16 @@ def answers_of(scene, state):
     return answer
 
 
-@pytest.mark.pairs
-@pytest.mark.parametrize("noise", NOISES, ids=str)
-@pytest.mark.parametrize("name", machines())
+@pytest.mark.parametrize(
+    ("name", "noise"),
+    [
+        pytest.param(
+            name, noise, marks=pytest.mark.long if (i + j) % 2 else (), id=f"{name}-{noise}"
+        )
+        for i, name in enumerate(machines())
+        for j, noise in enumerate(NOISES)
+    ],
+)  # every second
 def test_derivatives_are_those_of_the_answer(name, noise):
     """By q, v and tau, across the constraints too, where rows of closed loops are redundant."""
     scene = machines()[name]

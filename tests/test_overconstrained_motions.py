@@ -61,10 +61,10 @@ def off(one: cp.simulation.Trajectory, other: cp.simulation.Trajectory) -> float
 
 @pytest.mark.parametrize("name", ["bennett", "bennett, twisted", "trammel"])
 def test_the_default_motion_is_that_of_independent_coordinates(name):
-    motion = run(name, RungeKutta4(), 1.0, dt=1e-3)
-    assert motion.t[-1] == pytest.approx(1.0)
+    motion = run(name, RungeKutta4(), 0.4, dt=1e-3)
+    assert motion.t[-1] == pytest.approx(0.4)
     assert energy_off(motion) < 1e-8
-    assert off(motion, run(name, CoordinatePartitioning(), 1.0, dt=1e-3)) < 1e-8
+    assert off(motion, run(name, CoordinatePartitioning(), 0.4, dt=1e-3)) < 1e-8
 
 
 @pytest.mark.parametrize("name", MOVING)
@@ -94,7 +94,6 @@ def test_substeps_are_as_long_as_those_of_a_four_bar(name):
     assert torques_asked(machines()[name]) < 1.2 * torques_asked(machines()["four_bar, hinge"])
 
 
-@pytest.mark.pairs
 @pytest.mark.parametrize("name", ["bennett", "trammel", "bricard", "cassie"])
 @pytest.mark.parametrize("method", INTEGRATORS)
 def test_every_integrator_keeps_the_energy(name, method):

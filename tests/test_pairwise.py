@@ -30,16 +30,10 @@ def test_pairs_that_cannot_meet_are_not_looked_for():
     assert len({case[:2] for case in cover(cases)}) == 8
 
 
-def test_of_two_parameters_every_value_is_there_twice():
-    chosen = cover([*product(range(46), range(11))])
-    assert len(chosen) == 2 * 46
-    assert min(Counter(b for _, b in chosen).values()) >= 2
-
-
 def test_parameters_that_change_together_are_one():
     rows = [("sticks", 0.0), ("slides", 0.9), ("lifts", 0.8)]
-    cases = [(solver, *row) for solver in "abcdefg" for row in rows]
-    assert len(cover(cases)) == 14
+    cases = [(solver, law, *row) for solver in "abcd" for law in "xyz" for row in rows]
+    assert len(cover(cases)) < 16  # of 36
 
 
 def test_the_same_cases_are_chosen_again():

@@ -288,6 +288,7 @@ def test_what_is_promised():
     assert bricard.violation < 1e-12
 
 
+@pytest.mark.long
 def test_forty_cells_through_the_flat_posture_forty_times():
     """The library's own case: 20 s, high precision."""
     result = lab.load_problem("A02", n=40).run()

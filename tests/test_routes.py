@@ -433,7 +433,6 @@ def test_feet_on_their_way_out_of_the_ground(dt):
         assert np.abs(off).max() < 1e-7 * max(1.0, np.abs(expected).max())
 
 
-@pytest.mark.pairs
 @pytest.mark.parametrize("speed", [0.0, 1e-6, 1e-2, -1e-2, -1.0])
 @pytest.mark.parametrize("depth", [-1e-3, 0.0, 5e-10, 1e-6, 1e-3])
 def test_events_come_to_an_end_wherever_a_step_begins(depth, speed):

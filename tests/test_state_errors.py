@@ -103,7 +103,6 @@ def off(x: np.ndarray, right: np.ndarray, least: float = 9.81) -> float:
     return float(np.abs(x - right).max() / max(least, np.abs(right).max()))
 
 
-@pytest.mark.pairs
 @pytest.mark.parametrize("noise", [1e-12, 1e-10, 1e-8, 1e-6, 1e-4])
 @pytest.mark.parametrize("name", NAMES)
 def test_the_answer_is_that_of_the_closed_machine(name, noise):

@@ -650,6 +650,7 @@ def test_contacts_stiffer_than_a_step_allows_throw_nothing_off() -> None:
     assert np.abs(run.q[:, 2] - q[2]).max() < 2e-3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [4])
 def test_a_box_that_tumbles_comes_to_rest(seed: int) -> None:
     """On its edges four corners are about to slide: only one of several solvers ends there."""

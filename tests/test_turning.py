@@ -238,7 +238,6 @@ def test_energy_of_turning_axes_is_kept_to_the_order_of_the_method(name):
     assert 3.5 < errors[0] / errors[1] < 4.5
 
 
-@pytest.mark.pairs
 @pytest.mark.parametrize("integrator", sorted(cp.simulation.INTEGRATORS))
 @pytest.mark.parametrize("name", sorted(TURNING))
 def test_every_integrator_goes_where_the_others_go(name, integrator):
