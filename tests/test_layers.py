@@ -379,7 +379,9 @@ STEPPED = [
         (kind, route)
         for kind in ("ball in the floor", "four-bar with dry friction", "solo12")
         for route in ("activeset", "kappa", "softened", "eventlocated")
+        if (kind, route) != ("solo12", "eventlocated")
     ),
+    pytest.param("solo12", "eventlocated", marks=pytest.mark.long),
     ("ball above it", "eventlocated"),
     ("ball in the floor", "randomised"),
     ("four-bar with dry friction", "randomised"),
