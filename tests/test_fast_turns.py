@@ -209,21 +209,3 @@ def test_advice_fits_a_scene_without_rows():
     with pytest.raises(cp.SolveFailed, match="there are no constraints") as caught:
         cp.solve(slider(1e-10), [0.0], [0.0], [1e300])
     assert "mu" not in str(caught.value).split(")", 1)[1]
-
-
-@pytest.mark.parametrize(
-    ("shape", "most"),
-    [(pin.Inertia.FromSphere(1.0, 0.1), "1.9 pi"), (pin.Inertia.FromBox(1.0, 0.2, 0.3, 0.5), "pi")],
-)
-def test_a_body_in_a_plane_is_a_ball_if_it_is_round(shape, most):
-    """Its inertia about the normal alone makes it none."""
-    model = pin.Model()
-    model.appendBodyToJoint(
-        model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "puck"),
-        shape, pin.SE3.Identity(),
-    )  # fmt: skip
-    scene = cp.Scene(cp.Robot("puck", model))
-    for speed, runs in ((300.0, True), (450.0, most != "pi"), (610.0, False)):
-        run = cp.simulate(scene, [0, 0, 1, 0], [0, 0, speed], duration=0.02, dt=0.01)
-        assert run.status.ok == runs
-        assert runs or f"up to {'half a turn, ' * (most == 'pi')}{most}" in run.reason

@@ -325,14 +325,16 @@ class Manifold:
 
 
 def _is_ball(model: Any, name: str, at: list[int]) -> bool:
-    """True if a joint moves one body alone, about whose centre every inertia is the same."""
+    """True if a joint moves one body alone, whose inertia is the same however it turns."""
     i = model.getJointId(name)
     if i in list(model.parents):
         return False
-    body, joint = model.inertias[i], model.joints[i]
+    body, joint, is_planar = model.inertias[i], model.joints[i], len(at) == 1
     moments, lever = np.array(body.inertia), np.array(body.lever)
-    J = float(np.trace(moments)) / 3
-    is_round = np.abs(moments - J * np.eye(3)).max() <= tolerances.MOMENT * J
+    if is_planar:  # it turns about z alone
+        moments, lever = moments[2:, 2:], lever[:2]
+    J = float(np.trace(moments)) / len(moments)
+    is_round = np.abs(moments - J * np.eye(len(moments))).max() <= tolerances.MOMENT * J
     armature = model.armature[joint.idx_v : joint.idx_v + joint.nv]
     parts = armature[: joint.nv - len(at)], armature[joint.nv - len(at) :]
     is_centred = body.mass * lever.dot(lever) <= tolerances.MOMENT**2 * J
