@@ -529,10 +529,16 @@ def test_a_spoilt_mjcf_is_refused_or_read(tmp_path, seed):
     assert_survived(tmp_path, "robot.xml", EVERYTHING, seed)
 
 
-def test_excluded_bodies_are_kept(read):
+def test_excluded_bodies_are_kept_and_written(read):
     text = TWO_ARMS.replace("EQUALITY", "").replace(
         "</mujoco>",
         '<contact><exclude body1="c" body2="a"/><exclude body1="world" body2="b"/></contact>'
         "</mujoco>",
     )
-    assert read(text).exclusions == {frozenset("ca"), frozenset({"world", "b"})}
+    robot = read(text)
+    assert robot.exclusions == {frozenset("ca"), frozenset({"world", "b"})}
+    written = read(robot.to_mjcf())  # bodies have other names there, on the same joints
+    on = [
+        {frozenset(r.frame(n)[0] for n in each) for each in r.exclusions} for r in (robot, written)
+    ]
+    assert on[0] == on[1]

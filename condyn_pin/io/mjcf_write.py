@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from itertools import combinations
 from math import inf
 from pathlib import Path
 from typing import Any, Final
@@ -111,6 +112,7 @@ class RobotWriter:
         self._add_spring_dampers()
         self._add_geoms(contacts, shapes)
         self._add_motors()
+        self._add_exclusions()
         self._add_postures()
         ElementTree.indent(self.root)
         return ElementTree.tostring(self.root, encoding="unicode") + "\n"
@@ -248,6 +250,17 @@ class RobotWriter:
             if motor.limits != (-inf, inf):
                 said["forcerange"] = numbers(np.clip(motor.limits, -FAR, FAR))
             SubElement(actuator, "motor", said)
+
+    def _add_exclusions(self) -> None:
+        """Write the pairs of bodies that do not touch each other."""
+        pairs: dict[tuple[str, ...], None] = {}
+        for names in self.robot.exclusions:
+            on = {self.on[self.robot.frame(name)[0]][0].get("name", WORLD[0]) for name in names}
+            pairs |= dict.fromkeys(combinations(sorted(on), 2))
+        if pairs:
+            contact = SubElement(self.root, "contact")
+            for one, two in sorted(pairs):
+                SubElement(contact, "exclude", body1=one, body2=two)
 
     def _add_postures(self) -> None:
         if not self.robot.postures:
