@@ -48,7 +48,7 @@ ROOMS = [
     Room("dynamics/proof.py", 30, "solution numerics weights contract"),
     Room("dynamics/residuals.py", 30, "solution numerics weights contract"),
     Room("dynamics/digits.py", 30, "digits mechanisms variants"),
-    Room("constraints/rows/redundancy.py", 30, "scene solvers contract derivatives"),
+    Room("constraints/rows/redundancy.py", 30, "scene solvers extremes derivatives"),
     Room("constraints/contacts/*.py", 40, "contacts contact_pairs steppers"),
     Room("constraints/**/*.py", 60, "constraints equations derivatives contract"),
     Room("dynamics/derivatives/*.py", 40, "derivatives open_states"),

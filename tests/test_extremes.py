@@ -137,7 +137,6 @@ def test_units_change_no_digit_of_the_equations(label, units):
     assert passive.any() or label in ("four_bar loops", "delta loops")
 
 
-@pytest.mark.pairs
 @each_units
 @each_usual_scene
 @each_solver
