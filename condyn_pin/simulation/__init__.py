@@ -6,44 +6,43 @@ Nouns: `Integrator`, a family a file in `integrators/`; the drift schemes in `dr
 It must not know how its derivatives are taken, how motions are viewed, nor how they are compared.
 """
 
-from importlib import import_module
-from typing import Any
-from warnings import warn
-
 import lazy_loader
+
+from condyn_pin._core import forward
 
 _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-# Names of the last version that other rooms have now; they go with the next.
-_MOVED: dict[str, str] = {
-    "ActiveSet": "gradients",
-    "Anitescu": "stepping",
-    "BatchStep": "stepping",
-    "BatchStepDerivatives": "gradients",
-    "EventDriven": "stepping",
-    "EventLocated": "gradients",
-    "Kappa": "gradients",
-    "Moreau": "stepping",
-    "ROUTES": "gradients",
-    "Randomised": "gradients",
-    "Route": "gradients",
-    "SoftStep": "stepping",
-    "Softened": "gradients",
-    "StepDerivatives": "gradients",
-    "StepSolution": "stepping",
-    "StewartTrinkle": "stepping",
-    "TrajectoryDerivatives": "gradients",
-    "contact_problem": "stepping",
-    "step": "stepping",
-    "step_batch": "stepping",
-    "step_derivatives_batch": "gradients",
-    "trajectory_derivatives": "gradients",
+# Rooms that have these since the last version.
+_MOVED = {
+    "stepping": (
+        "Anitescu",
+        "BatchStep",
+        "EventDriven",
+        "Moreau",
+        "SoftStep",
+        "StepSolution",
+        "StewartTrinkle",
+        "contact_problem",
+        "step",
+        "step_batch",
+    ),
+    "gradients": (
+        "ActiveSet",
+        "BatchStepDerivatives",
+        "EventLocated",
+        "Kappa",
+        "ROUTES",
+        "Randomised",
+        "Route",
+        "Softened",
+        "StepDerivatives",
+        "TrajectoryDerivatives",
+        "step_derivatives_batch",
+        "trajectory_derivatives",
+    ),
 }
-
-
-def __getattr__(name: str) -> Any:
-    if room := _MOVED.get(name):
-        now = f"condyn_pin.{room}.{name}"
-        warn(f"{__name__}.{name} is {now} now", DeprecationWarning, stacklevel=2)
-        return getattr(import_module(f"condyn_pin.{room}"), name)
-    return _public(name)
+__getattr__ = forward(
+    __name__,
+    _public,
+    {name: f"{room}.{name}" for room, names in _MOVED.items() for name in names},
+)
