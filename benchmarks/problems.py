@@ -34,7 +34,7 @@ from simulation_vs_mujoco import Lines
 import condyn_pin as cp
 import lab
 from condyn_pin._core.show import panels
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization

@@ -21,8 +21,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.show import COLOURS, axes, finished
-from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.drift import Drift
+from condyn_pin.constraints.drift import Baumgarte, Drift
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import Interrupted

@@ -14,8 +14,8 @@ from condyn_pin._core.arguments import read_call
 from condyn_pin._core.arrays import Array
 from condyn_pin.cli.arguments import Source
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.constraints.kinds import worded
 from condyn_pin.contact.cones import Cone, FrictionCone, WrenchCone

@@ -1,7 +1,6 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
 from .base import Constraint as Constraint
-from .baumgarte import Baumgarte as Baumgarte
 from .contacts.base import Contact as Contact
 from .contacts.frictional_contact import FrictionalContact as FrictionalContact
 from .contacts.joint_friction import JointFriction as JointFriction
@@ -13,6 +12,7 @@ from .contacts.shapes import Convex as Convex
 from .contacts.shapes import Plane as Plane
 from .contacts.shapes import Point as Point
 from .coupling import Coupling as Coupling
+from .drift import Baumgarte as Baumgarte
 from .driven import Driven as Driven
 from .forces import AppliedForce as AppliedForce
 from .held_joint import HeldJoint as HeldJoint

@@ -68,7 +68,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin._core.joints import rotation_fault, z_along
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.places import FrameLike, place_of, set_frames, short
 from condyn_pin.errors import InvalidArgument
 

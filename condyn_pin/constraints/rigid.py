@@ -22,14 +22,12 @@ import numpy as np
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.base import Constraint, Machine
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.places import by_name, frame_text
 from condyn_pin.constraints.point_contact import PointContact
 from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
-
-RIGID: Final = pin.RigidConstraintModel
 
 _POINT, _FRAME = pin.ContactType.CONTACT_3D, pin.ContactType.CONTACT_6D
 

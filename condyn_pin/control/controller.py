@@ -17,7 +17,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.compiled import Native
 from condyn_pin._core.threads import OneThread, alone
 from condyn_pin.constraints.base import check_positive
-from condyn_pin.constraints.baumgarte import Baumgarte, stabilisation
+from condyn_pin.constraints.drift import Baumgarte, stabilisation
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.actuation import Actuation, motors_of

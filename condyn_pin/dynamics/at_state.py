@@ -21,8 +21,8 @@ from condyn_pin._core.linalg import MinimumNorm, factorise
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints import forces as loads
-from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce, Load, Loads
 from condyn_pin.constraints.places import FrameLike, frame_text
 from condyn_pin.constraints.rows.bound import (

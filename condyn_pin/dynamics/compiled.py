@@ -24,9 +24,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled, constrained_aba
 from condyn_pin._core.joints import axes, indices
 from condyn_pin._core.trees import is_forest
-from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts.candidates import pieces_of
 from condyn_pin.constraints.contacts.shapes import Core
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce, Loads
 from condyn_pin.constraints.rows.bound import BoundConstraint, PinocchioConstraint, placement
 from condyn_pin.constraints.rows.equations import Equations

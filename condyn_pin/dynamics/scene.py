@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import counted, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.places import settled
-from condyn_pin.constraints.rigid import RIGID, rigid_constraint
 from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.nominal import (
@@ -97,7 +97,10 @@ class Scene:
 
     def _constraint(self, i: int, given: Any) -> Any:
         """Constraint i of the scene, with names for the numbers of joints."""
-        if isinstance(given, RIGID):
+        if isinstance(given, pin.RigidConstraintModel):
+            # imported here: few scenes have any
+            from condyn_pin.constraints.rigid import rigid_constraint
+
             return rigid_constraint(self.robot, given, i)
         return settled(given, self.robot) if isinstance(given, Constraint) else given
 

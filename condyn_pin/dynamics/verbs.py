@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.threads import ThreadCache
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution

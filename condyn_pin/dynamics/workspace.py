@@ -30,7 +30,7 @@ from condyn_pin._core.arguments import (
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.threads import OneThread, alone, in_use
 from condyn_pin._core.trees import Forest, is_forest, whole_data
-from condyn_pin.constraints.baumgarte import Baumgarte, stabilisation
+from condyn_pin.constraints.drift import Baumgarte, stabilisation
 from condyn_pin.constraints.forces import AppliedForce, Loads, applied_forces
 from condyn_pin.constraints.rows.bound import BoundConstraint, Terms, finite_terms
 from condyn_pin.constraints.rows.equations import Equations

@@ -13,7 +13,7 @@ import numpy as np
 
 from condyn_pin._core.arguments import step_size
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace

@@ -26,12 +26,12 @@ from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.mechanism.rank import check
-from condyn_pin.simulation.integrators.base import CorrectedStepper, Integrator
+from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.measures import Energy, gauge_of
 from condyn_pin.simulation.outcome import MotionLimits, RunStatus, default_gap
 from condyn_pin.simulation.records import Phase, gaps_along
-from condyn_pin.simulation.system import System
+from condyn_pin.simulation.system import CorrectedStepper, System
 from condyn_pin.simulation.torques import Applied
 
 if TYPE_CHECKING:

@@ -33,7 +33,7 @@ from condyn_pin.simulation.events import (
     ZenoDetected,
     switch,
 )
-from condyn_pin.simulation.integrators.base import CorrectedStepper, Integrator, StepEffects
+from condyn_pin.simulation.integrators.base import Integrator, StepEffects
 from condyn_pin.simulation.outcome import Effects, MotionLimits, Run, RunStatus
 from condyn_pin.simulation.plan import (
     Plan,
@@ -59,7 +59,7 @@ from condyn_pin.simulation.records import (
     merge,
 )
 from condyn_pin.simulation.stability import stiff_damping, stiff_springs
-from condyn_pin.simulation.system import System
+from condyn_pin.simulation.system import CorrectedStepper, System
 from condyn_pin.simulation.torques import Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
 

@@ -31,7 +31,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import factorise, first_of_largest
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument, StepFailed
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.integrators.base import Integrator

@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from functools import cached_property, partial
 from math import isclose
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,14 +23,18 @@ from condyn_pin._core.linalg import factorise, inverse
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.contacts.touches import BoundContact
+from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Singular
 from condyn_pin.dynamics.workspace import LARGEST, SMALLEST, Workspace
 from condyn_pin.errors import NotAssembled, StepFailed
 from condyn_pin.simulation.manifold import Manifold
-from condyn_pin.simulation.records import Row
+from condyn_pin.simulation.records import NO_WORK, ContactWork, Row
 from condyn_pin.simulation.torques import Applied, Passive, Torque
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.integrators.base import Integrator
 
 # A step of an integrator: (t, q, v) -> (q, v, a)
 Step = Callable[[float, Array, Array], tuple[Array, Array, Array]]
@@ -287,6 +291,72 @@ def _felt(bound: BoundContact) -> Iterator[int]:
             yield touch.joint
     for pair in bound.pairs:
         yield from (pair.joint, pair.ground)
+
+
+class CorrectedStepper:
+    """An integrator's steps of one size, the correction of a drift scheme behind each.
+
+    Attributes
+    ----------
+    effects : callable or None
+        (work before the step) -> effects of the last step, where contacts open and slide.
+    """
+
+    def __init__(self, system: System, integrator: Integrator, drift: Drift, dt: float) -> None:
+        self._dt, self._turn_fault = dt, system.turn_fault
+        bare = integrator.start(system, dt)
+        self._step, self._lam, self._touch = bare.step, bare.lam, bare.touch
+        self.effects, self._sample, self._given = bare.effects, bare.sample, system
+        self._samples_start = integrator.a_at == "start"
+        # a correction reads what the solve of the next step leaves behind, and a step may begin
+        # with another system's solve
+        self._system = bare.system or system
+        self._correct = drift.start(self._system, dt)
+        self._is_driven = system.scene.is_driven
+        # substeps may lead far: their rows are their own
+        self._open_rows = None
+        if not integrator.is_adaptive:
+            self._open_rows = self._system.workspace.bound.open_rows
+        self._slow = None if integrator.between_events.is_adaptive else system.manifold.slow(dt)
+
+    def take(
+        self, t: float, q: Array, v: Array, t1: float, keep: Callable[[Row], None] | None = None,
+        work: ContactWork = NO_WORK,
+    ) -> tuple[Array, Array]:  # fmt: skip
+        """Return q and v after a step to t1; `keep` is handed the sample that belongs to it."""
+        slow, lam = self._slow, None
+        if self._open_rows:
+            self._open_rows.held = []
+        if keep and self._samples_start:
+            keep(self._sample(t, q, v, work) if self._sample else self._system.sample(t, q, v))
+        if slow and v.dot(v) > slow:  # all velocities together: most often that is enough
+            self._check_turn(v)
+        q, v, a = self._step(t, q, v)
+        if slow and v.dot(v) > slow:
+            self._check_turn(v)
+        if self._is_driven:
+            self._system.check_reach(t1, q, v)
+        if keep and self._lam:
+            lam = self._lam()  # before the correction solves again
+        if self._correct:
+            q, v = self._correct(t + self._dt, q, v)
+        if self._open_rows:
+            self._open_rows.held = None
+        if keep and lam is not None:
+            touch = NO_TOUCH
+            if self._touch and self.effects:
+                touch = self._touch(self.effects(work).work)
+            keep((t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v), touch))
+        return q, v
+
+    def sample(self, t: float, q: Array, v: Array, work: ContactWork = NO_WORK) -> Row:
+        """Sample of a state; `work` is that of contacts since the start of the run."""
+        return self._sample(t, q, v, work) if self._sample else self._given.sample(t, q, v)
+
+    def _check_turn(self, v: Array) -> None:
+        fault = self._turn_fault(v, self._dt)
+        if fault:
+            raise StepFailed(fault)
 
 
 # Torques at the end of a step: springs, damping and the slopes of functions join the inertia.

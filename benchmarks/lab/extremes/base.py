@@ -28,7 +28,7 @@ from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene, check_bilateral
 from condyn_pin.dynamics.solvers.reference import Reference

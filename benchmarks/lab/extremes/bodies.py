@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.scene import Scene

@@ -16,8 +16,8 @@ from condyn_pin._core.joints import z_along
 from condyn_pin._core.linalg import MinimumNorm, factorise
 from condyn_pin._core.tolerances import REFERENCE_RANK
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.coupling import Coupling
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.line_contact import LineContact
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.planar_contact import PlanarContact

@@ -8,7 +8,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.robot import Robot

@@ -25,7 +25,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import factorise, rank_of
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.attempts import solve_contact

@@ -14,7 +14,7 @@ from scipy.special import ellipj, ellipkm1
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_count
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.proximal import Proximal

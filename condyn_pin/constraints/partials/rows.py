@@ -17,7 +17,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.baumgarte import Baumgarte, gains
+from condyn_pin.constraints.drift import Baumgarte, gains
 from condyn_pin.constraints.partials.motion import (
     End,
     EndPartials,

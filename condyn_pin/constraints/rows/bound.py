@@ -21,11 +21,11 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array, check_overflow
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.path import Along
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.baumgarte import Baumgarte
     from condyn_pin.constraints.rows.equations import Equations
     from condyn_pin.constraints.rows.redundancy import LeftOut
 

@@ -26,7 +26,7 @@ from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.joints import axes, turning
 from condyn_pin._core.linalg import cholesky_pivots
 from condyn_pin._core.trees import algorithms, data_of, whole_data
-from condyn_pin.constraints.baumgarte import Baumgarte, gains
+from condyn_pin.constraints.drift import Baumgarte, gains
 from condyn_pin.constraints.forces import Load
 from condyn_pin.constraints.path import along_at
 from condyn_pin.constraints.rows.bound import BoundConstraint, Terms, TwoFrameConstraint, length

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
+from typing import Any, Final, Literal, Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.rows.bound import (
     COUPLING,
     CUT,
@@ -40,9 +41,6 @@ from condyn_pin.constraints.rows.frames import (
     rows_of,
 )
 from condyn_pin.errors import InvalidArgument
-
-if TYPE_CHECKING:
-    from condyn_pin.constraints.baumgarte import Baumgarte
 
 
 class Relation(Protocol):

@@ -33,7 +33,7 @@ from condyn_pin._core.joints import turning
 from condyn_pin._core.linalg import ConstraintBasis, held_and_free, inverse_factor, lapack
 from condyn_pin._core.threads import of_workspace
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.baumgarte import Baumgarte, gains
+from condyn_pin.constraints.drift import Baumgarte, gains
 from condyn_pin.constraints.partials.rows import ConstraintPartials
 from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.constraints.rows.equations import Equations, answer_key

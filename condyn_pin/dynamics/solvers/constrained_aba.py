@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 
 from condyn_pin._core import _pin
 from condyn_pin._core.compiled import missing_constrained_aba
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.compiled import CompiledMethod
 from condyn_pin.dynamics.mu import Choice

@@ -20,7 +20,7 @@ from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.compiled import compiled
 from condyn_pin._core.rows import Native, Rows
 from condyn_pin._core.work import Arrays, Kernel, Kind, Messages, Progress, in_flight, silent
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.compiled import refuse, unsupported, unsupported_method
 from condyn_pin.dynamics.derivatives import METHODS

@@ -17,7 +17,7 @@ from condyn_pin._core.arguments import HIGH, LOW, is_none, not_of_norm_one
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver

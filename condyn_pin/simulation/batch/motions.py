@@ -20,9 +20,8 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.rows import Native, Rows
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays, Messages, Progress, silent
-from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts.base import Contact
-from condyn_pin.constraints.drift import Drift
+from condyn_pin.constraints.drift import Baumgarte, Drift
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics import compiled
 from condyn_pin.dynamics.scene import Scene

@@ -14,7 +14,7 @@ from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.rows import MISSING, Batch, BatchResult, Some
 from condyn_pin._core.show import require_pandas
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import BLOCKS

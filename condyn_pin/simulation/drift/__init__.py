@@ -7,8 +7,7 @@ add a scheme is to add one file (`base.py` says what it must contain).
 from importlib import import_module
 from pkgutil import iter_modules
 
-from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.drift import DRIFTS, Correction, Drift
+from condyn_pin.constraints.drift import DRIFTS, Baumgarte, Correction, Drift
 
 for _module in iter_modules(__path__):
     import_module(f"{__name__}.{_module.name}")

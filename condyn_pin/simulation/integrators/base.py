@@ -47,11 +47,10 @@ from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.constraints.drift import Drift
 from condyn_pin.errors import InvalidArgument, SolveFailed, StepFailed
 from condyn_pin.simulation.events import ContactEvent
-from condyn_pin.simulation.records import NO_WORK, ContactWork, Note, Row
-from condyn_pin.simulation.system import NO_TOUCH, Step, System
+from condyn_pin.simulation.records import ContactWork, Note, Row
+from condyn_pin.simulation.system import Step, System
 
 INTEGRATORS: dict[str, type[Integrator]] = {}
 
@@ -148,72 +147,6 @@ class Integrator(ABC):
     @abstractmethod
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-
-
-class CorrectedStepper:
-    """An integrator's steps of one size, the correction of a drift scheme behind each.
-
-    Attributes
-    ----------
-    effects : callable or None
-        (work before the step) -> effects of the last step, where contacts open and slide.
-    """
-
-    def __init__(self, system: System, integrator: Integrator, drift: Drift, dt: float) -> None:
-        self._dt, self._turn_fault = dt, system.turn_fault
-        bare = integrator.start(system, dt)
-        self._step, self._lam, self._touch = bare.step, bare.lam, bare.touch
-        self.effects, self._sample, self._given = bare.effects, bare.sample, system
-        self._samples_start = integrator.a_at == "start"
-        # a correction reads what the solve of the next step leaves behind, and a step may begin
-        # with another system's solve
-        self._system = bare.system or system
-        self._correct = drift.start(self._system, dt)
-        self._is_driven = system.scene.is_driven
-        # substeps may lead far: their rows are their own
-        self._open_rows = None
-        if not integrator.is_adaptive:
-            self._open_rows = self._system.workspace.bound.open_rows
-        self._slow = None if integrator.between_events.is_adaptive else system.manifold.slow(dt)
-
-    def take(
-        self, t: float, q: Array, v: Array, t1: float, keep: Callable[[Row], None] | None = None,
-        work: ContactWork = NO_WORK,
-    ) -> tuple[Array, Array]:  # fmt: skip
-        """Return q and v after a step to t1; `keep` is handed the sample that belongs to it."""
-        slow, lam = self._slow, None
-        if self._open_rows:
-            self._open_rows.held = []
-        if keep and self._samples_start:
-            keep(self._sample(t, q, v, work) if self._sample else self._system.sample(t, q, v))
-        if slow and v.dot(v) > slow:  # all velocities together: most often that is enough
-            self._check_turn(v)
-        q, v, a = self._step(t, q, v)
-        if slow and v.dot(v) > slow:
-            self._check_turn(v)
-        if self._is_driven:
-            self._system.check_reach(t1, q, v)
-        if keep and self._lam:
-            lam = self._lam()  # before the correction solves again
-        if self._correct:
-            q, v = self._correct(t + self._dt, q, v)
-        if self._open_rows:
-            self._open_rows.held = None
-        if keep and lam is not None:
-            touch = NO_TOUCH
-            if self._touch and self.effects:
-                touch = self._touch(self.effects(work).work)
-            keep((t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v), touch))
-        return q, v
-
-    def sample(self, t: float, q: Array, v: Array, work: ContactWork = NO_WORK) -> Row:
-        """Sample of a state; `work` is that of contacts since the start of the run."""
-        return self._sample(t, q, v, work) if self._sample else self._given.sample(t, q, v)
-
-    def _check_turn(self, v: Array) -> None:
-        fault = self._turn_fault(v, self._dt)
-        if fault:
-            raise StepFailed(fault)
 
 
 # Iterations of implicit steps: to the last digit, or an error that says what would do.
