@@ -560,12 +560,15 @@ def unused(mj: Any, had: Transmissions, coupled: Collection[int]) -> Iterator[st
         yield f"in the file and not used: {', '.join(some)}"
     of = {kind: names_of(mj, kind) for kind in ("tendon", "site")} | {"body": body_names(mj)}
     pulls = enumerate(zip(names_of(mj, "actuator"), pulled(mj), alone, strict=True))
-    if others := [
-        f"{name} on {kind} {of[kind][target]!r}"
+    others = {
+        k: f"{name} on {kind} {of[kind][target]!r}"
         for k, (name, (kind, target), joint) in pulls
-        if joint is None and k not in coupled
-    ]:
-        yield f"actuators that are no motors here: {listed(others)}"
+        if joint is None
+    }
+    if several := [what for k, what in others.items() if k in coupled]:
+        yield f"motors on several joints, in Robot.coupled_motors: {listed(several)}"
+    if no_motors := [what for k, what in others.items() if k not in coupled]:
+        yield f"actuators that are no motors here: {listed(no_motors)}"
     if had.lost:
         yield (
             f"armature, damping and the like of tendons that couple joints ({len(had.lost)}): "

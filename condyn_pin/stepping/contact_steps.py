@@ -24,6 +24,7 @@ from math import inf, isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
+import scipy.optimize  # noqa: F401  # now, not within the first hard step of a motion: 0.2 s
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances

@@ -40,8 +40,8 @@ CONTACT_SOLVERS: dict[str, type[ContactSolver]] = {}
 FACTORISED, FIRST_ORDER, PIVOTS = 10, 1000, 30
 
 # Ordinary solves that what else is tried may cost: a tenth of a second for a robot on its feet.
-# Problems that ever were answered so took half of that.
-BUDGET: Final = 100
+# Problems that ever were answered so took up to 70.
+BUDGET: Final = 80
 
 
 class SolverResult(NamedTuple):
