@@ -459,29 +459,14 @@ class CompiledDerivatives(KktDerivatives):
         return self._core.solution(self._answer, self._tau)
 
     @property
-    def da_dq(self) -> Array:
-        """Accelerations by the configuration (nv, nv)."""
-        return self._matrices[0, : self._n]
-
-    @property
-    def da_dv(self) -> Array:
-        """Accelerations by the velocity (nv, nv)."""
-        return self._matrices[1, : self._n]
-
-    @property
-    def da_dtau(self) -> Array:
-        """Accelerations by the torques (nv, nv)."""
-        return self._matrices[2, : self._n]
-
-    @property
-    def _blocks(self) -> tuple[Array, Array, Array]:
+    def _blocks(self) -> tuple[Array, Array, Array]:  # type: ignore[override]
         by_q, by_v, by_tau = self._matrices
         return by_q, by_v, by_tau
 
-    @property
-    def _forces(self) -> tuple[Array, Array, Array]:
-        by_q, by_v, by_tau = self._matrices
-        return by_q[self._n :], by_v[self._n :], by_tau[self._n :]
+    def block(self, output: str, by: str) -> Array:
+        """Return the derivative of a (nv, nv) or lam (m, nv) by q, v or tau."""
+        rows = slice(self._n) if output == "a" else slice(self._n, None)
+        return self._matrices[self.inputs.index(by), rows]
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
         return Derivatives._forward(self, dq, dv, dtau)

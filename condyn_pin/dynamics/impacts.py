@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.jacobian import Block, Jacobian
 from condyn_pin.constraints.rows.bound import worst
 from condyn_pin.constraints.rows.redundancy import LeftOut
 from condyn_pin.dynamics.at_state import at_state, equations_of, gaps, rounding, without_gravity
@@ -31,7 +32,7 @@ Restitution = float | Mapping[str, float]
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Impact:
+class Impact(Jacobian):
     """The velocity after an impact, and its impulses.
 
     M (v - v_before) = J^T lam,    J v = -e J v_before
@@ -66,6 +67,15 @@ class Impact:
     scene: Scene
     q: Array
 
+    outputs = "v", "lam"
+    inputs = "q", "v"
+
+    # where rows are redundant and loops closed, by q along motions that keep the constraints
+    dv_dq = Block("Derivative of the velocity v after the impact by q (nv, nv), tangent columns.")
+    dv_dv = Block("Derivative of v by the velocity before the impact (nv, nv).")
+    dlam_dq = Block("Derivative of the impulses by q (m, nv).")
+    dlam_dv = Block("Derivative of the impulses by the velocity before the impact (m, nv).")
+
     @property
     def energy_lost(self) -> float:
         """Kinetic energy that is gone [J]."""
@@ -85,28 +95,10 @@ class Impact:
             return (f"{name} is open by {gap} at q", *said)
         return said
 
-    @property
-    def dv_dq(self) -> Array:
-        """Derivative of the velocity v after the impact by q (nv, nv), tangent columns.
-
-        Where rows are redundant and loops closed, along motions that keep the constraints.
-        """
-        return self._derivatives[0][:, : self.scene.robot.nv]
-
-    @property
-    def dv_dv(self) -> Array:
-        """Derivative of v by the velocity before the impact (nv, nv)."""
-        return self._derivatives[0][:, self.scene.robot.nv :]
-
-    @property
-    def dlam_dq(self) -> Array:
-        """Derivative of the impulses by q (m, nv)."""
-        return self._derivatives[1][:, : self.scene.robot.nv]
-
-    @property
-    def dlam_dv(self) -> Array:
-        """Derivative of the impulses by the velocity before the impact (m, nv)."""
-        return self._derivatives[1][:, self.scene.robot.nv :]
+    def block(self, output: str, by: str) -> Array:
+        """Return the derivative of v (nv, nv) or lam (m, nv) by q or v of before."""
+        of_both = self._derivatives[self.outputs.index(output)]
+        return np.hsplit(of_both, 2)[self.inputs.index(by)]
 
     @cached_property
     def _sites(self) -> Sites:

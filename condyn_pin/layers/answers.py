@@ -41,6 +41,11 @@ class SolveChange:
         self.of, self._shape = of, (bodies, 10)
         self.by_inertias = np.vstack(of.by_inertias())
 
+    @property
+    def matrix(self) -> Array:
+        """Derivatives of a and then lam by q, v, tau and inertias."""
+        return np.hstack([self.of.matrix, self.by_inertias])
+
     def jvp(self, dq: Array, dv: Array, dtau: Array, by: Array) -> Pair:
         """Return (da, dlam) along steps of q, v, tau and inertias."""
         da, dlam = self.of.jvp(dq, dv, dtau)
@@ -79,15 +84,6 @@ class SolveMap(StateMap):
         pair = found.solution.a, found.solution.lam
         return pair, SolveChange(found, self._bodies) if p else found
 
-    def matrices(self, change: Any) -> Pair:
-        """Return the derivatives of a (nv, 3 nv + inertias) and of lam (m, the same)."""
-        d = change.of if isinstance(change, SolveChange) else change
-        of_a, of_lam = [d.da_dq, d.da_dv, d.da_dtau], [d.dlam_dq, d.dlam_dv, d.dlam_dtau]
-        if isinstance(change, SolveChange):
-            of_a.append(change.by_inertias[: self.x_size])
-            of_lam.append(change.by_inertias[self.x_size :])
-        return np.hstack(of_a), np.hstack(of_lam)
-
     def __reduce__(self) -> tuple[Any, ...]:
         wrt = tuple(self.inputs)[3:]
         return SolveMap, (self._scene, self._workspace.solver, self._drift, wrt)
@@ -111,7 +107,7 @@ class StepChange:
         n = len(of.v)
         self._cuts = np.cumsum([n, n, n, *map(np.prod, parameters.shapes.values())])[:-1]
         self._shapes = [(n,)] * 3 + [*parameters.shapes.values()]
-        both = np.vstack(of.matrices)
+        both = of.matrix
         self.matrix = np.hstack([both[:, : 3 * n], *parameters.of(both, of.columns)])
         self._n = n
 
@@ -157,10 +153,6 @@ class StepMap(StateMap):
         steps.system.applied.hold(tau, ())
         found = route.at(steps, steps.begin, q, v)
         return (found.q, found.v), StepChange(found, self.parameters)
-
-    def matrices(self, change: StepChange) -> Pair:
-        """Return the derivatives of q+ and of v+, (nv, 3 nv + parameters) each."""
-        return change.matrix[: self.nv], change.matrix[self.nv :]
 
     def __reduce__(self) -> tuple[Any, ...]:
         scene, scheme, route = self.parameters.made
@@ -234,7 +226,7 @@ class RunMap(LayerMap):
         x, columns = np.concatenate((T @ dq, dv)), chain.steps.columns
         moves = [(self._space.rates(start[0]) @ x[: len(dv)], x[len(dv) :])]
         for i, of in enumerate(chain.forward(start)):
-            A = np.vstack(of.matrices)
+            A = of.matrix
             blocks = self._parameters.of(A, columns)
             x = A[:, : len(x)] @ x + A[:, columns.tau] @ dtau[i]
             x += sum(block @ step.ravel() for block, step in zip(blocks, dp, strict=True))

@@ -18,8 +18,8 @@ StateMap: a layer of (q, v, tau) whose derivatives are matrices in the tangent.
     (x, y) = f(q, v, tau, p)
 
 1. A map says the sizes of x and y, and for one state what they are, and how they change:
-   `Change`, with `jvp` and `vjp` in the tangent. Derivatives of solves and of steps are such;
-   `matrices` is what they do to all directions.
+   `Change`, with `jvp`, `vjp` and `matrix` in the tangent. Derivatives of solves and of steps are
+   such.
 2. Where x is a configuration (`ends_in_q`), it is one number for each of q, and its change comes
    in the tangent as well; all else about manifolds is here.
 """
@@ -426,6 +426,10 @@ def _of_joint(x: Array, head: int) -> Array:
 class Change(Protocol):
     """Derivatives of x and y by q, v, tau and parameters, in the tangent space."""
 
+    @property
+    def matrix(self) -> Array:
+        """Derivatives of x and then y by all inputs (x_size + y_size, 3 nv + parameters)."""
+
     def jvp(self, dq: Array, dv: Array, dtau: Array, /, *more: Array) -> Pair:
         """Return (dx, dy) along a direction, each part (nv,)."""
 
@@ -451,12 +455,8 @@ class StateMap(LayerMap):
         """Return x and y at one state."""
 
     @abstractmethod
-    def change(self, q: Array, v: Array, tau: Array, *p: Array) -> tuple[Pair, Any]:
+    def change(self, q: Array, v: Array, tau: Array, *p: Array) -> tuple[Pair, Change]:
         """Return x and y at one state, and their `Change`."""
-
-    @abstractmethod
-    def matrices(self, change: Any) -> Pair:
-        """Return the derivatives of x and of y, (size, 3 nv + parameters) each."""
 
     def outputs(self, shapes: Sequence[Shape]) -> tuple[Shape, Shape]:
         """Return the shapes of x and y."""
@@ -487,8 +487,9 @@ class StateMap(LayerMap):
 
         def linear_of(*inputs: Array) -> tuple[Array, ...]:
             T, end, (x, y), change = self._at(*inputs)
-            of_x, of_y = self.matrices(change)
-            A = np.vstack([of_x if end is None else end @ of_x, of_y])
+            A = change.matrix
+            if end is not None:
+                A = np.vstack([end @ A[: self.nv], A[self.nv :]])
             return x, y, np.hstack([A[:, : self.nv] @ T, A[:, self.nv :]])
 
         shapes = (self.x_size,), (self.y_size,), (size, numbers)

@@ -23,8 +23,9 @@ Where the axes of a joint turn with its own q, v_J = S(q) v, its columns change 
 
 from __future__ import annotations
 
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
@@ -33,6 +34,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.jacobian import Block, Jacobian
 from condyn_pin._core.joints import Indices, axes, turning
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.forces import AppliedForce, Loads, frame_jacobian, in_axes
@@ -48,11 +50,7 @@ if TYPE_CHECKING:
     from condyn_pin.dynamics.derivatives.kkt import Linearisation
 
 
-# What answers are derived by.
-_BY: Final = ("q", "v", "tau")
-
-
-class Derivatives(ABC):
+class Derivatives(Jacobian):
     """The derivatives of accelerations and constraint forces, as returned by `derivatives`.
 
     M da - J^T dlam = dtau - r_q dq - r_v dv,    J da = -s_q dq - s_v dv
@@ -73,8 +71,15 @@ class Derivatives(ABC):
         where these were taken (``check=True``).
     """
 
-    _formed: tuple[Array, Array, Array] | None = None  # as soon as one of them was asked for
+    outputs = "a", "lam"
     disagreement: float | None = None  # relative to the largest entry of a block
+
+    da_dq = Block("Accelerations by the configuration (nv, nv).")
+    da_dv = Block("Accelerations by the velocity (nv, nv).")
+    da_dtau = Block("Accelerations by the torques (nv, nv).")
+    dlam_dq = Block("Constraint forces by q (m, nv); costly at first if rows are redundant.")
+    dlam_dv = Block("Constraint forces by the velocity (m, nv).")
+    dlam_dtau = Block("Constraint forces by the torques (m, nv).")
 
     def __init__(self, solution: Solution) -> None:
         self.solution = solution
@@ -84,44 +89,15 @@ class Derivatives(ABC):
     def _form(self) -> tuple[Array, Array, Array]:
         """Return the derivatives of (a, lam) by q, v and tau, each (nv + m, nv)."""
 
-    @property
-    def _blocks(self) -> tuple[Array, Array, Array]:
-        return self._formed or self._form_once()
-
+    @cached_property
     @one_blas_thread
-    def _form_once(self) -> tuple[Array, Array, Array]:
-        self._formed = self._form()
-        return self._formed
+    def _blocks(self) -> tuple[Array, Array, Array]:
+        return self._form()
 
-    @property
-    def da_dq(self) -> Array:
-        """Accelerations by the configuration (nv, nv)."""
-        return self._blocks[0][: self._n]
-
-    @property
-    def da_dv(self) -> Array:
-        """Accelerations by the velocity (nv, nv)."""
-        return self._blocks[1][: self._n]
-
-    @property
-    def da_dtau(self) -> Array:
-        """Accelerations by the torques (nv, nv)."""
-        return self._blocks[2][: self._n]
-
-    @property
-    def dlam_dq(self) -> Array:
-        """Constraint forces by the configuration (m, nv)."""
-        return self._blocks[0][self._n :]
-
-    @property
-    def dlam_dv(self) -> Array:
-        """Constraint forces by the velocity (m, nv)."""
-        return self._blocks[1][self._n :]
-
-    @property
-    def dlam_dtau(self) -> Array:
-        """Constraint forces by the torques (m, nv)."""
-        return self._blocks[2][self._n :]
+    def block(self, output: str, by: str) -> Array:
+        """Return the derivative of a (nv, nv) or lam (m, nv) by q, v or tau."""
+        rows = slice(self._n) if output == "a" else slice(self._n, None)
+        return self._blocks[self.inputs.index(by)][rows]
 
     @one_blas_thread
     def jvp(self, dq: ArrayLike, dv: ArrayLike, dtau: ArrayLike) -> tuple[Array, Array]:
@@ -149,7 +125,7 @@ class Derivatives(ABC):
 
     def __str__(self) -> str:
         n, m = self._n, self._m
-        blocks = [f"d{x}_d{y} {(k, n)}" for x, k in (("a", n), ("lam", m)) for y in _BY]
+        blocks = [f"d{y}_d{x} {(k, n)}" for y, k in (("a", n), ("lam", m)) for x in self.inputs]
         checked = (
             "not checked by differences; check=True does"
             if self.disagreement is None

@@ -127,20 +127,11 @@ class KktDerivatives(Derivatives):
         w = motions.held(of.lam)
         return turning_null_space(self._linearisation, of.q, w, motions.N)
 
-    @property
-    def dlam_dq(self) -> Array:
-        """Constraint forces by the configuration (m, nv); costly at first if rows are redundant."""
-        return self._forces[0]
-
-    @property
-    def dlam_dv(self) -> Array:
-        """Constraint forces by the velocity (m, nv)."""
-        return self._forces[1]
-
-    @property
-    def dlam_dtau(self) -> Array:
-        """Constraint forces by the torques (m, nv)."""
-        return self._forces[2]
+    def block(self, output: str, by: str) -> Array:
+        """Return the derivative of a (nv, nv) or lam (m, nv) by q, v or tau."""
+        if output == "a":
+            return super().block(output, by)
+        return self._forces[self.inputs.index(by)]
 
     @cached_property
     @one_blas_thread

@@ -26,7 +26,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from math import ceil, sqrt
-from typing import ClassVar, Final, NamedTuple
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -197,14 +197,6 @@ def linear_steps(
 State = tuple[Array, Array]
 
 
-class Adjoint(NamedTuple):
-    """The gradient of a function of the states of a motion."""
-
-    state: Array  # (2 nv,), by the start; tangent
-    tau: Array  # (steps, nv)
-    columns: Array  # (columns,), by what all steps share
-
-
 class Chain:
     """So many steps of a route.
 
@@ -256,21 +248,23 @@ class Chain:
 
     def adjoint(
         self, kept: list[State], asked: Callable[[int, StepDerivatives], Array | None]
-    ) -> Adjoint:
+    ) -> tuple[Array, Array, Array]:
         """Return the gradient of a function of all states.
 
-        ``asked(i, of)`` is its own gradient (2 nv,) by the end of step i, None if it has none.
+        By the start (2 nv,), tangent, by tau (steps, nv), and by all columns (columns,), which all
+        steps share. ``asked(i, of)`` is its own gradient (2 nv,) by the end of step i, None if it
+        has none.
         """
         columns = self.steps.columns
         y, by_tau = np.zeros(2 * columns.nv), np.zeros((self.count, columns.nv))
         by_others = np.zeros(columns.size)
         for i, of in self.backward(kept):
             own = asked(i, of)
-            x = (y if own is None else y + own) @ np.vstack(of.matrices)
+            x = (y if own is None else y + own) @ of.matrix
             by_tau[i] = x[columns.tau]
             by_others += x
             y = x[: 2 * columns.nv]
-        return Adjoint(y, by_tau, by_others)
+        return y, by_tau, by_others
 
     def _next(self, i: int, state: State) -> State:
         self._hold(i)

@@ -26,7 +26,12 @@ from condyn_pin.errors import CondynError, InvalidArgument, SolveFailed, Workers
 from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.base import Route, check_parameters
 from condyn_pin.gradients.routes.linear_steps import falls, rows_with_a_place
-from condyn_pin.gradients.routes.step_derivatives import Columns, StepDerivatives, found_parameters
+from condyn_pin.gradients.routes.step_derivatives import (
+    Columns,
+    StepDerivatives,
+    StepJacobian,
+    found_parameters,
+)
 from condyn_pin.simulation.batch.answers import workers
 from condyn_pin.simulation.batch.inputs import Recipe
 from condyn_pin.simulation.integrators.base import Integrator
@@ -188,7 +193,7 @@ ROWS: Final = ("q", "v", "dq", "dv", "codes", "margins", "reasons")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchStepDerivatives(Batch[StepDerivatives]):
+class BatchStepDerivatives(StepJacobian, Batch[StepDerivatives]):
     """The derivatives of one step from N states; columns and rows of q are tangent.
 
     Attributes
@@ -252,40 +257,15 @@ class BatchStepDerivatives(Batch[StepDerivatives]):
         return {name: words[:, i] for i, name in enumerate(names)}
 
     @property
-    def dq_dq(self) -> Array:
-        """q+ by q (N, nv, nv)."""
-        return self.dq[:, :, self.columns.q]
+    def names(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Contacts with friction, the columns by friction and by restitution."""
+        candidates = candidates_of(self.step.scene)
+        return candidates.names[: candidates.cones]
 
     @property
-    def dq_dv(self) -> Array:
-        """q+ by v (N, nv, nv)."""
-        return self.dq[:, :, self.columns.v]
-
-    @property
-    def dq_dtau(self) -> Array:
-        """q+ by the torques (N, nv, nv)."""
-        return self.dq[:, :, self.columns.tau]
-
-    @property
-    def dv_dq(self) -> Array:
-        """v+ by q (N, nv, nv)."""
-        return self.dv[:, :, self.columns.q]
-
-    @property
-    def dv_dv(self) -> Array:
-        """v+ by v (N, nv, nv)."""
-        return self.dv[:, :, self.columns.v]
-
-    @property
-    def dv_dtau(self) -> Array:
-        """v+ by the torques (N, nv, nv)."""
-        return self.dv[:, :, self.columns.tau]
-
-    @property
-    def columns(self) -> Columns:
-        """Columns of each part in `dq` and `dv`."""
-        n, cones = self.v.shape[1], candidates_of(self.step.scene).cones
-        return Columns(n, cones, self.dv.shape[2] - Columns(n, cones).size)
+    def matrices(self) -> tuple[Array, Array]:  # type: ignore[override]
+        """Derivatives of q+ and of v+, `dq` and `dv`."""
+        return self.dq, self.dv
 
     def __len__(self) -> int:
         return len(self.margins)
@@ -299,13 +279,11 @@ class BatchStepDerivatives(Batch[StepDerivatives]):
             raise WorkersLost(f"no worker got to state {i}; `missing` has all of them", self)
         if np.isnan(self.margins[i]):
             raise SolveFailed(f"state {i}: {self.reasons[i]}", None)
-        candidates = candidates_of(self.step.scene)
-        codes = self.codes[i].tolist()
-        modes = dict(zip(candidates.names, (MODES[code] for code in codes), strict=True))
+        names = candidates_of(self.step.scene).names
+        modes = dict(zip(names, mode_words(self.codes[i]).tolist(), strict=True))
         return StepDerivatives(
             q=self.q[i], v=self.v[i], modes=modes, margin=float(self.margins[i]), route=self.route,
-            names=candidates.names[: candidates.cones], matrices=(self.dq[i], self.dv[i]),
-            parameters=self.parameters,
+            names=self.names, matrices=(self.dq[i], self.dv[i]), parameters=self.parameters,
         )  # fmt: skip
 
     def __repr__(self) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
@@ -13,6 +14,7 @@ from scipy.linalg.lapack import dgetrf, dgetri, dlange
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices, finite, read_only
+from condyn_pin._core.jacobian import Block, Jacobian
 from condyn_pin.contact.indeterminacy import COMPLIANCE, compliance
 from condyn_pin.contact.problem import MODES, OPEN, ContactProblem, Modes, contact_modes
 from condyn_pin.errors import InvalidArgument, SolveFailed
@@ -25,8 +27,57 @@ if TYPE_CHECKING:
     from condyn_pin.gradients.routes.linear_steps import Ended, LinearizedStep
 
 
+class StepJacobian(Jacobian, ABC):
+    """Derivatives of the end of a step, of one state or of many; rows and columns of q are tangent.
+
+    `matrices` have the `columns` of q, v, tau and all parameters side by side.
+    """
+
+    outputs = "q", "v"
+    route: Route
+    names: tuple[str, ...]
+    matrices: tuple[Array, Array]
+    parameters: tuple[str, ...]
+
+    dq_dq = Block("q+ by q (..., nv, nv).")
+    dq_dv = Block("q+ by v (..., nv, nv).")
+    dq_dtau = Block("q+ by the torques (..., nv, nv).")
+    dv_dq = Block("v+ by q (..., nv, nv).")
+    dv_dv = Block("v+ by v (..., nv, nv).")
+    dv_dtau = Block("v+ by the torques (..., nv, nv).")
+    dv_dfriction = Block("v+ by the friction of each contact (..., nv, k).")
+    dv_drestitution = Block("v+ by restitution (..., nv, k), of schemes that let contacts rebound.")
+    dv_dsolref = Block("v+ by the two numbers of `solref` (..., nv, 2), where contacts have them.")
+    dv_dinertias = Block("v+ by inertias (..., nv, 10 a joint), as `KktDerivatives.by_inertias`.")
+
+    @property
+    def columns(self) -> Columns:
+        """Columns of each input in `matrices`."""
+        (n, size), cones = self.matrices[0].shape[-2:], len(self.names)
+        return Columns(n, cones, size - Columns(n, cones).size)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:  # type: ignore[override]
+        """Names of q, v, tau and the parameters."""
+        return "q", "v", "tau", *self.parameters
+
+    @property
+    def matrix(self) -> Array:
+        """Derivatives of q+ and v+ by all `columns` (..., 2 nv, columns)."""
+        return np.concatenate(self.matrices, axis=-2)
+
+    def block(self, output: str, by: str) -> Array:
+        """Return the derivative of q+ or v+ by an input (..., nv, columns)."""
+        if by not in self.inputs:
+            raise InvalidArgument(
+                f"{by}: this step by {self.route!r} has derivatives by {', '.join(self.inputs)}; "
+                'more are in them with derivatives(wrt=["inertias"]) and the like'
+            )
+        return self.matrices[self.outputs.index(output)][..., self.columns.of(by)]
+
+
 @dataclass(frozen=True, eq=False, repr=False)
-class StepDerivatives:
+class StepDerivatives(StepJacobian):
     """The derivatives of q+ and v+, the end of a step; columns and rows of q are tangent.
 
     Column i by q is the derivative along ``pin.integrate(model, q, t e_i)``, and row i of that of
@@ -77,69 +128,6 @@ class StepDerivatives:
         """Warnings about the derivatives, one sentence each."""
         return tuple(note.text for note in self.notes)
 
-    @property
-    def dq_dq(self) -> Array:
-        """q+ by q (nv, nv)."""
-        return self.matrices[0][:, self.columns.q]
-
-    @property
-    def dq_dv(self) -> Array:
-        """q+ by v (nv, nv)."""
-        return self.matrices[0][:, self.columns.v]
-
-    @property
-    def dq_dtau(self) -> Array:
-        """q+ by the torques (nv, nv)."""
-        return self.matrices[0][:, self.columns.tau]
-
-    @property
-    def dv_dq(self) -> Array:
-        """v+ by q (nv, nv)."""
-        return self.matrices[1][:, self.columns.q]
-
-    @property
-    def dv_dv(self) -> Array:
-        """v+ by v (nv, nv)."""
-        return self.matrices[1][:, self.columns.v]
-
-    @property
-    def dv_dtau(self) -> Array:
-        """v+ by the torques (nv, nv)."""
-        return self.matrices[1][:, self.columns.tau]
-
-    @property
-    def dv_dfriction(self) -> Array:
-        """v+ by the friction of each contact (nv, k)."""
-        self._check("friction")
-        return self.matrices[1][:, self.columns.friction]
-
-    @property
-    def dv_drestitution(self) -> Array:
-        """v+ by the restitution of each contact (nv, k), of schemes that let them rebound."""
-        self._check("restitution")
-        return self.matrices[1][:, self.columns.restitution]
-
-    @property
-    def dv_dsolref(self) -> Array:
-        """v+ by the two numbers of `solref` (nv, 2), of schemes and routes that have them."""
-        self._check("solref")
-        return self.matrices[1][:, self.columns.solref]
-
-    @property
-    def dv_dinertias(self) -> Array:
-        """v+ by what bodies weigh (nv, 10 a joint), if ``wrt`` had "inertias".
-
-        In the order of `KktDerivatives.by_inertias`: mass, mass times centre of mass, and the
-        inertia about the joint's origin xx xy yy xz yz zz.
-        """
-        self._check("inertias")
-        return self.matrices[1][:, self.columns.inertias]
-
-    def by(self, parameter: str) -> Array:
-        """Return (q+, v+) by a parameter (2 nv, k), one of `parameters`; q+ in the tangent."""
-        self._check(parameter)
-        return np.vstack(self.matrices)[:, self.columns.of(parameter)]
-
     def jvp(self, dq: ArrayLike, dv: ArrayLike, dtau: ArrayLike) -> tuple[Array, Array]:
         """Return (dq+, dv+) along dq, dv and dtau, each (nv,)."""
         n = len(self.v)
@@ -152,20 +140,6 @@ class StepDerivatives:
         n, (of_q, of_v) = len(self.v), self.matrices
         x = finite("dq1", dq1, n) @ of_q + finite("dv1", dv1, n) @ of_v
         return x[:n], x[n : 2 * n], x[2 * n : 3 * n]
-
-    @property
-    def columns(self) -> Columns:
-        """Columns of each part in `matrices`."""
-        n, k = len(self.v), len(self.names)
-        return Columns(n, k, self.matrices[0].shape[1] - Columns(n, k).size)
-
-    def _check(self, parameter: str) -> None:
-        if parameter not in self.parameters:
-            raise InvalidArgument(
-                f"{parameter}: this step by {self.route!r} has derivatives by q, v, "
-                f"tau{', '.join(('', *self.parameters))}; more are in them with "
-                'derivatives(wrt=["inertias"]) and the like'
-            )
 
     def __repr__(self) -> str:
         modes = list(self.modes.values())

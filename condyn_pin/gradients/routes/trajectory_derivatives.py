@@ -119,7 +119,7 @@ class TrajectoryDerivatives:
             given = np.asarray(dtau, dtype=np.float64)
             u += finite("dtau", given, (self.steps, n) if given.ndim > 1 else (n,))
         for i, of in enumerate(self._forward()):
-            x = np.vstack(of.matrices)[:, : 3 * n] @ np.concatenate((x, u[i]))
+            x = of.matrix[:, : 3 * n] @ np.concatenate((x, u[i]))
         return x[:n], x[n:]
 
     @one_blas_thread
@@ -132,10 +132,9 @@ class TrajectoryDerivatives:
             self._note(i, of)
             return y if i == self.steps - 1 else None
 
-        found = self._chain.adjoint(self._kept, asked)
-        start = found.state if self.steps else y
-        others = (found.columns[columns.of(name)] for name in PARAMETERS)
-        return Gradient(start[:n], start[n:], found.tau, *others)
+        start, tau, by = self._chain.adjoint(self._kept, asked)
+        start = start if self.steps else y
+        return Gradient(start[:n], start[n:], tau, *(by[columns.of(name)] for name in PARAMETERS))
 
     @cached_property
     @one_blas_thread
@@ -145,7 +144,7 @@ class TrajectoryDerivatives:
         found = {"state": np.eye(2 * n)}
         found |= {name: columns.empty(2 * n)[:, at] for name, at in places.items()}
         for of in self._forward():
-            A = np.vstack(of.matrices)
+            A = of.matrix
             found = {name: A[:, : 2 * n] @ block for name, block in found.items()}
             for name, at in places.items():
                 found[name] += A[:, at]

@@ -227,10 +227,10 @@ class _StoredDerivatives(Derivatives):
         super().__init__(solution)
         self._stored = blocks
 
+    def block(self, output: str, by: str) -> Array:
+        """Return the derivative of a (nv, nv) or lam (m, nv) by q, v or tau."""
+        return self._stored[f"d{output}_d{by}"]
+
     def _form(self) -> tuple[Array, Array, Array]:
-        stored = self._stored
-        by_q, by_v, by_tau = (
-            read_only(np.concatenate([stored[f"da_{x}"], stored[f"dlam_{x}"]]))
-            for x in ("dq", "dv", "dtau")
-        )
+        by_q, by_v, by_tau = (read_only(self.by(name)) for name in self.inputs)
         return by_q, by_v, by_tau

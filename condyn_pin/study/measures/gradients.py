@@ -180,7 +180,7 @@ class GradientMeasure(Measure):
         dq, dv, dtau = _directions(scene, self.duration, tuple(self.wrt), q.tobytes())
         x = np.vstack((dq, dv))
         for of in chain.forward((q, v)):
-            A = np.vstack(of.matrices)
+            A = of.matrix
             x = A[:, : 2 * n] @ x + A[:, 2 * n : 3 * n] @ dtau
         moved = np.array(pin.difference(scene.robot.model, q, of.q))
         scaled = np.column_stack((x, np.concatenate((moved, of.v))))
