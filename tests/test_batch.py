@@ -92,6 +92,7 @@ def test_derivatives(label, executor):
     for name in BLOCKS:
         np.testing.assert_array_equal(getattr(here, name)[4], getattr(wanted, name))
         np.testing.assert_array_equal(getattr(here, name), getattr(there, name))
+    np.testing.assert_array_equal(here.matrix[4], wanted.matrix)
 
 
 @pytest.mark.parametrize("without", ["shared memory", "so much memory"])

@@ -222,16 +222,13 @@ def test_products_are_those_of_the_matrices(label, method):
     rng = np.random.default_rng(2)
     dq, dv, dtau, da = rng.normal(size=(4, scene.robot.nv))
     dlam = rng.normal(size=scene.rows)
-    of_a, of_lam = d.jvp(dq, dv, dtau)
-    size = max(np.abs(getattr(d, block)).max() for block in BLOCKS) * scene.robot.nv
-    assert np.abs(of_a - d.da_dq @ dq - d.da_dv @ dv - d.da_dtau @ dtau).max() < 1e-13 * size
-    assert (
-        np.abs(of_lam - d.dlam_dq @ dq - d.dlam_dv @ dv - d.dlam_dtau @ dtau).max() < 1e-13 * size
-    )
-    by_q, by_v, by_tau = d.vjp(da, dlam)
-    assert np.abs(by_q - da @ d.da_dq - dlam @ d.dlam_dq).max() < 1e-13 * size
-    assert np.abs(by_v - da @ d.da_dv - dlam @ d.dlam_dv).max() < 1e-13 * size
-    assert np.abs(by_tau - da @ d.da_dtau - dlam @ d.dlam_dtau).max() < 1e-13 * size
+    size = np.abs(d.matrix).max() * scene.robot.nv
+    moved, pulled = np.hstack(d.jvp(dq, dv, dtau)), np.hstack(d.vjp(da, dlam))
+    assert np.abs(moved - d.matrix @ np.hstack((dq, dv, dtau))).max() < 1e-13 * size
+    assert np.abs(pulled - np.hstack((da, dlam)) @ d.matrix).max() < 1e-13 * size
+    assert np.array_equal(d.by("v"), np.vstack((d.da_dv, d.dlam_dv)))
+    with pytest.raises(cp.errors.UnknownName, match="friction"):
+        d.by("friction")
 
 
 @pytest.mark.parametrize("seed", [38, 88, 131, 226])

@@ -46,6 +46,7 @@ def test_they_are_those_of_each_step(about: dict) -> None:
         assert one.parameters == found.parameters == wanted.parameters
         for parameter in wanted.parameters:
             assert_array_equal(one.by(parameter), wanted.by(parameter))
+            assert_array_equal(found.by(parameter)[i], wanted.by(parameter))
         assert (one.modes, one.margin) == (wanted.modes, wanted.margin)
         assert {name: modes[i] for name, modes in found.modes.items()} == wanted.modes
     assert_array_equal(found.one_sided, [each.one_sided for each in found])

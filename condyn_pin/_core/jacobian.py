@@ -14,6 +14,7 @@ from typing import overload
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.errors import CondynError, unknown_name
 
 
 class Jacobian(ABC):
@@ -31,12 +32,17 @@ class Jacobian(ABC):
 
         A matrix (..., rows, columns); `parameter` is one of `inputs`.
         """
+        if parameter not in self.inputs:
+            raise self._unknown(parameter)
         return np.concatenate([self.block(output, parameter) for output in self.outputs], axis=-2)
 
     @property
     def matrix(self) -> Array:
         """Derivatives of all outputs by all inputs, side by side (..., rows, columns)."""
         return np.concatenate([self.by(name) for name in self.inputs], axis=-1)
+
+    def _unknown(self, parameter: str) -> CondynError:
+        return unknown_name("parameter", parameter, self.inputs)
 
 
 class Block:

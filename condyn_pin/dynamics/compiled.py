@@ -468,11 +468,7 @@ class CompiledDerivatives(KktDerivatives):
         rows = slice(self._n) if output == "a" else slice(self._n, None)
         return self._matrices[self.inputs.index(by), rows]
 
-    def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
-        return Derivatives._forward(self, dq, dv, dtau)
-
-    def _backward(self, da: Array, dlam: Array) -> tuple[Array, Array, Array]:
-        return Derivatives._backward(self, da, dlam)
+    _forward, _backward = Derivatives._forward, Derivatives._backward
 
 
 # Recursions over a tree whose bodies are held at the world: `constrainedABA` and `pv`, compiled.

@@ -17,7 +17,7 @@ from condyn_pin._core.arrays import Array, Indices, finite, read_only
 from condyn_pin._core.jacobian import Block, Jacobian
 from condyn_pin.contact.indeterminacy import COMPLIANCE, compliance
 from condyn_pin.contact.problem import MODES, OPEN, ContactProblem, Modes, contact_modes
-from condyn_pin.errors import InvalidArgument, SolveFailed
+from condyn_pin.errors import CondynError, InvalidArgument, SolveFailed
 from condyn_pin.simulation.integrators.contact_scheme import AT_REST, ContactScheme
 from condyn_pin.simulation.records import Note
 from condyn_pin.stepping.step_problem import StepProblem
@@ -69,11 +69,15 @@ class StepJacobian(Jacobian, ABC):
     def block(self, output: str, by: str) -> Array:
         """Return the derivative of q+ or v+ by an input (..., nv, columns)."""
         if by not in self.inputs:
-            raise InvalidArgument(
-                f"{by}: this step by {self.route!r} has derivatives by {', '.join(self.inputs)}; "
-                'more are in them with derivatives(wrt=["inertias"]) and the like'
-            )
+            raise self._unknown(by)
         return self.matrices[self.outputs.index(output)][..., self.columns.of(by)]
+
+    def _unknown(self, parameter: str) -> CondynError:
+        return InvalidArgument(
+            f"{parameter}: this step by {self.route!r} has derivatives by "
+            f"{', '.join(self.inputs)}; more are in them with "
+            'derivatives(wrt=["inertias"]) and the like'
+        )
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -164,20 +168,11 @@ def made(
     notes: tuple[Note, ...] = (),
 ) -> StepDerivatives:  # fmt: skip
     """Return the derivatives with these `matrices`, of a step that ends in this `state`."""
-    candidates, parameters = steps.system.contacts, found_parameters(route, steps.scheme, steps.wrt)
-    q, v, dq, dv = read_only((*state, *matrices))
-    names = candidates.names[: candidates.cones]
+    contacts, (q, v, dq, dv) = steps.system.contacts, read_only((*state, *matrices))
     return StepDerivatives(
-        q=q,
-        v=v,
-        modes=modes,
-        margin=margin,
-        route=route,
-        names=names,
-        matrices=(dq, dv),
-        parameters=parameters,
-        notes=notes,
-    )
+        q=q, v=v, modes=modes, margin=margin, route=route, names=contacts.names[: contacts.cones],
+        matrices=(dq, dv), parameters=found_parameters(route, steps.scheme, steps.wrt), notes=notes,
+    )  # fmt: skip
 
 
 def found_parameters(route: Route, scheme: ContactScheme, wrt: Sequence[str]) -> tuple[str, ...]:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.jacobian import Jacobian
 from condyn_pin._core.rows import MISSING, Batch, BatchResult, Some
 from condyn_pin._core.show import require_pandas
 from condyn_pin.constraints.drift import Baumgarte
@@ -175,7 +176,7 @@ class BatchSolution(BatchResult, Batch[Solution]):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchDerivatives(Batch[Derivatives]):
+class BatchDerivatives(Jacobian, Batch[Derivatives]):
     """Derivatives at N states; columns are tangent, as in `Derivatives`.
 
     Attributes
@@ -204,6 +205,13 @@ class BatchDerivatives(Batch[Derivatives]):
     dlam_dv: Array
     dlam_dtau: Array
     seconds: float  # [s]
+
+    outputs = "a", "lam"
+
+    def block(self, output: str, by: str) -> Array:
+        """Return the derivatives of a (N, nv, nv) or lam (N, m, nv) by q, v or tau."""
+        found: Array = getattr(self, f"d{output}_d{by}")
+        return found
 
     def __len__(self) -> int:
         return len(self.solution)
