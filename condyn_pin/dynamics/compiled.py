@@ -459,7 +459,7 @@ class CompiledDerivatives(KktDerivatives):
         return self._core.solution(self._answer, self._tau)
 
     @property
-    def _blocks(self) -> tuple[Array, Array, Array]:  # type: ignore[override]
+    def _blocks(self) -> tuple[Array, Array, Array]:
         by_q, by_v, by_tau = self._matrices
         return by_q, by_v, by_tau
 

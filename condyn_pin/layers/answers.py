@@ -21,6 +21,7 @@ from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.gradients.routes.base import Chain, Route
 from condyn_pin.gradients.routes.step_derivatives import StepDerivatives
 from condyn_pin.layers.maps import (
+    Change,
     Configurations,
     LayerMap,
     Pair,
@@ -100,28 +101,6 @@ class SolveMap(StateMap):
 # StepMap: the end of a step with contacts as a function of (q, v, tau) and of parameters.
 
 
-class StepChange:
-    """Derivatives of the end of a step by q, v, tau and, last, the parameters of a layer."""
-
-    def __init__(self, of: StepDerivatives, parameters: Parameters) -> None:
-        n = len(of.v)
-        self._cuts = np.cumsum([n, n, n, *map(np.prod, parameters.shapes.values())])[:-1]
-        self._shapes = [(n,)] * 3 + [*parameters.shapes.values()]
-        both = of.matrix
-        self.matrix = np.hstack([both[:, : 3 * n], *parameters.of(both, of.columns)])
-        self._n = n
-
-    def jvp(self, *steps: Array) -> Pair:
-        """Return (dq+, dv+) along steps of q, v, tau and the parameters."""
-        moved = self.matrix @ np.concatenate([step.ravel() for step in steps])
-        return moved[: self._n], moved[self._n :]
-
-    def vjp(self, dx: Array, dy: Array) -> tuple[Array, ...]:
-        """Return the gradients by q, v, tau and the parameters."""
-        by = np.split(np.concatenate((dx, dy)) @ self.matrix, self._cuts)
-        return tuple(each.reshape(s) for each, s in zip(by, self._shapes, strict=True))
-
-
 class StepMap(StateMap):
     """(q+, v+) of one step, and its derivatives by a route."""
 
@@ -147,12 +126,15 @@ class StepMap(StateMap):
             raise SolveFailed(f"{how} is not finite", None)
         return np.asarray(q), np.asarray(v)
 
-    def change(self, q: Array, v: Array, tau: Array, *p: Array) -> tuple[Pair, StepChange]:
+    def change(self, q: Array, v: Array, tau: Array, *p: Array) -> tuple[Pair, Change]:
         """Return q+ and v+, and their derivatives."""
         steps, route = self.parameters.steps(p, self._dt)
         steps.system.applied.hold(tau, ())
         found = route.at(steps, steps.begin, q, v)
-        return (found.q, found.v), StepChange(found, self.parameters)
+        all_columns, shapes = found.matrix, [(self.nv,)] * 3 + [*self.parameters.shapes.values()]
+        by_p = self.parameters.of(all_columns, found.columns)
+        matrix = np.hstack([all_columns[:, : 3 * self.nv], *by_p])
+        return (found.q, found.v), Change(matrix, self.nv, shapes)
 
     def __reduce__(self) -> tuple[Any, ...]:
         scene, scheme, route = self.parameters.made

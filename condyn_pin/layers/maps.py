@@ -423,18 +423,31 @@ def _of_joint(x: Array, head: int) -> Array:
 # StateMap: a layer of (q, v, tau) whose derivatives are matrices in the tangent.
 
 
-class Change(Protocol):
-    """Derivatives of x and y by q, v, tau and parameters, in the tangent space."""
+class Change:
+    """Derivatives of x and y by q, v, tau and parameters, in the tangent space.
 
-    @property
-    def matrix(self) -> Array:
-        """Derivatives of x and then y by all inputs (x_size + y_size, 3 nv + parameters)."""
+    Parameters
+    ----------
+    matrix : (x_size + y_size, numbers) array
+        Of x and then y by all numbers of the inputs.
+    x_size : int
+    shapes : sequence of shape
+        Shapes of the inputs.
+    """
 
-    def jvp(self, dq: Array, dv: Array, dtau: Array, /, *more: Array) -> Pair:
-        """Return (dx, dy) along a direction, each part (nv,)."""
+    def __init__(self, matrix: Array, x_size: int, shapes: Sequence[Shape]) -> None:
+        self.matrix, self._x_size, self._shapes = matrix, x_size, shapes
 
-    def vjp(self, dx: Array, dy: Array, /) -> tuple[Array, ...]:
-        """Return the gradients by q, v, tau and parameters of dx . x + dy . y."""
+    def jvp(self, *steps: Array) -> Pair:
+        """Return (dx, dy) along steps of the inputs."""
+        moved = self.matrix @ np.concatenate([step.ravel() for step in steps])
+        return moved[: self._x_size], moved[self._x_size :]
+
+    def vjp(self, dx: Array, dy: Array) -> tuple[Array, ...]:
+        """Return the gradients by the inputs of dx . x + dy . y."""
+        cuts = np.cumsum([prod(shape) for shape in self._shapes])[:-1]
+        by = np.split(np.concatenate((dx, dy)) @ self.matrix, cuts)
+        return tuple(each.reshape(s) for each, s in zip(by, self._shapes, strict=True))
 
 
 class StateMap(LayerMap):
@@ -455,8 +468,8 @@ class StateMap(LayerMap):
         """Return x and y at one state."""
 
     @abstractmethod
-    def change(self, q: Array, v: Array, tau: Array, *p: Array) -> tuple[Pair, Change]:
-        """Return x and y at one state, and their `Change`."""
+    def change(self, q: Array, v: Array, tau: Array, *p: Array) -> tuple[Pair, Any]:
+        """Return x and y at one state, and their `Change`, or what has its members."""
 
     def outputs(self, shapes: Sequence[Shape]) -> tuple[Shape, Shape]:
         """Return the shapes of x and y."""
@@ -495,7 +508,7 @@ class StateMap(LayerMap):
         shapes = (self.x_size,), (self.y_size,), (size, numbers)
         return self.each(linear_of, arrays, shapes)
 
-    def _at(self, q: Array, *others: Array) -> tuple[Array, Array | None, Pair, Change]:
+    def _at(self, q: Array, *others: Array) -> tuple[Array, Array | None, Pair, Any]:
         """Return T at the start, D at the end where there is one, x and y, and their change."""
         unit, lengths = self.space.unit(q)
         pair, change = self.change(unit, *others)

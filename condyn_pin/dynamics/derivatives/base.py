@@ -23,7 +23,6 @@ Where the axes of a joint turn with its own q, v_J = S(q) v, its columns change 
 
 from __future__ import annotations
 
-from abc import abstractmethod
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -81,17 +80,17 @@ class Derivatives(Jacobian):
     dlam_dv = Block("Constraint forces by the velocity (m, nv).")
     dlam_dtau = Block("Constraint forces by the torques (m, nv).")
 
-    def __init__(self, solution: Solution) -> None:
-        self.solution = solution
+    def __init__(self, solution: Solution, *blocks: Array) -> None:
+        self.solution, self._given = solution, blocks
         self._n, self._m = len(solution.a), len(solution.lam)
 
-    @abstractmethod
-    def _form(self) -> tuple[Array, Array, Array]:
+    def _form(self) -> tuple[Array, ...]:
         """Return the derivatives of (a, lam) by q, v and tau, each (nv + m, nv)."""
+        return self._given
 
     @cached_property
     @one_blas_thread
-    def _blocks(self) -> tuple[Array, Array, Array]:
+    def _blocks(self) -> tuple[Array, ...]:
         return self._form()
 
     def block(self, output: str, by: str) -> Array:

@@ -77,10 +77,7 @@ class PinocchioDerivatives(Derivatives):
             still = np.zeros(self._n)
             exact = KktDerivatives(workspace, solution, v, tau).jvp(first, still, still)
             by_q[:, 0] = np.concatenate(exact)
-        self._found = by_q, by_v, by_tau
-
-    def _form(self) -> tuple[Array, Array, Array]:
-        return self._found
+        self._given = by_q, by_v, by_tau
 
 
 def _damped(workspace: Workspace, q: Array, v: Array, tau: Array, settings: Any) -> Blocks:

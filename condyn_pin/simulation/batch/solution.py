@@ -221,24 +221,8 @@ class BatchDerivatives(Jacobian, Batch[Derivatives]):
         return replace(self, solution=self.solution[rows], **some)
 
     def _one(self, i: int) -> Derivatives:
-        blocks = {name: getattr(self, name)[i] for name in BLOCKS}
-        return _StoredDerivatives(self.solution[i], blocks)
+        blocks = (np.vstack([self.block(y, x)[i] for y in self.outputs]) for x in self.inputs)
+        return Derivatives(self.solution[i], *map(read_only, blocks))
 
     def __repr__(self) -> str:
         return f"BatchDerivatives({self.solution!r})"
-
-
-class _StoredDerivatives(Derivatives):
-    """The derivatives at one state, their matrices (each of `BLOCKS`) read from a batch."""
-
-    def __init__(self, solution: Solution, blocks: dict[str, Array]) -> None:
-        super().__init__(solution)
-        self._stored = blocks
-
-    def block(self, output: str, by: str) -> Array:
-        """Return the derivative of a (nv, nv) or lam (m, nv) by q, v or tau."""
-        return self._stored[f"d{output}_d{by}"]
-
-    def _form(self) -> tuple[Array, Array, Array]:
-        by_q, by_v, by_tau = (read_only(self.by(name)) for name in self.inputs)
-        return by_q, by_v, by_tau
