@@ -195,6 +195,7 @@ WRONG = {
     "a flag": ((True, TURNED), "joint True: its name or number"),
     "negative": ((-1, TURNED), "joint -1: its name or number"),
     "NaN": ((3, pin.SE3(np.eye(3), np.array([0, np.nan, 0]))), "placement is at .*nan.*finite"),
+    "a rotation of NaN": ((3, turned(np.full((3, 3), np.nan))), "rotation: it is not finite"),
     "left-handed": ((3, turned(np.diag([1, 1, -1]))), "no valid rotation: it is left-handed"),
 }
 
@@ -229,6 +230,90 @@ def test_a_joint_named_as_a_number_is_not_guessed():
         model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
     with pytest.raises(cp.errors.InvalidModel, match="joint '#2' of odd is named as a number"):
         cp.Scene(cp.Robot("odd", model), [cp.PointContact((2, AHEAD))])
+
+
+@pytest.mark.parametrize("text", ["#1 + [0.1 0 0]", "j1 + [0.1 0 0]", "sole (#1 + [0.1 0 0])"])
+def test_a_frame_with_the_text_of_another_place_is_refused(text):
+    sole = pin.Frame("sole", 1, 0, AHEAD, pin.FrameType.OP_FRAME)
+    frame = {"#": (1, AHEAD), "j": ("j1", AHEAD), "s": sole}[text[0]]
+    here, there = (
+        cp.Robot("chain", framed(chain("j1", "j2"), text, 1, p))
+        for p in (AHEAD, pin.SE3(np.eye(3), np.array([0.0, 0.0, 5.0])))
+    )
+    assert here.frame(frame)[1].isApprox(AHEAD)
+    with pytest.raises(cp.errors.InvalidModel, match="has the text of a place and is elsewhere"):
+        there.frame(frame)
+    with pytest.raises(cp.errors.InvalidModel, match="has the text of a place and is elsewhere"):
+        cp.Scene(there, [cp.PointContact(frame)])
+
+
+def chain(*names):
+    model = pin.Model()
+    for name in names:
+        joint = model.addJoint(model.njoints - 1, pin.JointModelRZ(), AHEAD, name)
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), AHEAD)
+    return model
+
+
+def framed(model, name, joint, placement):
+    model.addFrame(pin.Frame(name, joint, 0, placement, pin.FrameType.OP_FRAME))
+    return model
+
+
+def test_a_frame_with_brackets_that_are_no_place_has_its_name():
+    for name in ("sole + [1 2]", "sole + [1 2 3]", "j1 + [1 2]"):
+        bracketed = cp.Robot("chain", framed(chain("j1"), name, 1, AHEAD))
+        assert bracketed.frame(name)[1].isApprox(AHEAD)
+
+
+@pytest.mark.parametrize("name", ["world", "universe"])
+def test_a_joint_with_the_name_of_the_world_is_not_the_world(name):
+    odd = cp.Robot("odd", chain("j1", name))
+    for frame in ((name, AHEAD), name):
+        with pytest.raises(cp.errors.InvalidModel, match="has the world's name and is elsewhere"):
+            odd.frame(frame)
+    assert odd.frame((2, AHEAD))[0] == 2
+    if name == "world":  # as the text of joint 0 has it
+        with pytest.raises(cp.errors.InvalidModel, match="has the world's name"):
+            odd.frame((0, AHEAD))
+    else:
+        assert odd.frame((0, AHEAD))[0] == 0
+
+
+def test_names_of_joints_may_have_brackets_and_lines():
+    odd = cp.Robot("odd", chain("a + [1 2 3]", "b (#1)", "c\nd", "e + [1"))
+    for number, name in enumerate(odd.joints, start=1):
+        sole = pin.Frame(f"sole\n{number}", number, 0, TURNED, pin.FrameType.OP_FRAME)
+        for frame in ((number, TURNED), (name, TURNED), sole):
+            (contact,) = cp.Scene(odd, [cp.PointContact(frame)]).constraints
+            assert odd.frame(contact.frame)[0] == number
+            assert odd.frame(contact.frame)[1].isApprox(TURNED)
+
+
+@pytest.mark.parametrize(
+    "numbers", ["1e999 0 0", "1e60 0 0", "0 0 0 0 0 1e999 1", "-1e999 0 0 0 0 0 1", " ", "1 2 3 4"]
+)
+def test_a_text_without_a_placement_is_refused(numbers):
+    named, _ = solo()
+    with pytest.raises(cp.InvalidArgument, match="are needed in brackets"):
+        named.frame(f"foot + [{numbers}]")
+
+
+def test_a_quaternion_of_any_size_is_a_rotation():
+    named, _ = solo()
+    for size in ("1e-320", "1e-200", "1E200", "1e308"):
+        R = named.frame(f"{named.joints[0]} + [0 0 0 {size} 0 0 {size}]")[1].rotation
+        assert np.allclose(R, pin.utils.rotate("x", np.pi / 2), atol=1e-15)
+
+
+def test_numbers_of_joints_that_no_model_has_are_refused():
+    named, _ = solo()
+    with pytest.raises(cp.errors.UnknownName, match="no frame named '#999"):
+        named.frame("#" + "9" * 5000 + " + [0 0 0]")
+    with pytest.raises(cp.InvalidArgument, match="its name or number is needed"):
+        named.frame((10**5000, AHEAD))
+    with pytest.raises(cp.errors.UnknownName):
+        named.frame(f"{named.joints[0]} + [\u0661 0 0]")
 
 
 def test_axes_of_a_force_are_those_of_any_frame():

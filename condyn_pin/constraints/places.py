@@ -34,10 +34,11 @@ Value = TypeVar("Value")
 # A frame as users give it: its name, a joint and a placement on it, or a pin.Frame.
 FrameLike: TypeAlias = str | tuple[str | int, Any] | Any
 
-_NUMBERS: Final = r"\[([-+.\de ]+)\]"
-_PLACE: Final = re.compile(rf"(.+) \+ {_NUMBERS}")
-_LABELLED: Final = re.compile(rf"(.+) \((#\d+ \+ {_NUMBERS})\)")
-_NUMBERED: Final = re.compile(r"#(\d+)(?= \+ \[)")
+_NUMBERS: Final = r"\[([-+.0-9eE ]+)\]"
+_NUMBER: Final = "#[0-9]{1,9}"
+_PLACE: Final = re.compile(rf"(.+) \+ {_NUMBERS}", re.DOTALL)
+_LABELLED: Final = re.compile(rf"(.+) \(({_NUMBER} \+ {_NUMBERS})\)", re.DOTALL)
+_NUMBERED: Final = re.compile(rf"{_NUMBER}(?= \+ \[)")
 
 
 class Place(NamedTuple):
@@ -77,7 +78,7 @@ def _joint(argument: str, joint: Any) -> str:
         number = -1 if isinstance(joint, bool) else index(joint)
     except TypeError:
         number = -1
-    if number < 0:
+    if not 0 <= number < 10**9:
         raise InvalidArgument(f"{argument}: joint {shown(joint)}: its name or number is needed")
     return f"#{number}" if number else "world"
 
@@ -85,13 +86,13 @@ def _joint(argument: str, joint: Any) -> str:
 def _text(argument: str, base: str, placement: Any) -> str:
     """Text of a placement on a base: three numbers, or seven where it is turned."""
     p, R = placement.translation, placement.rotation
-    numbers = p if (np.eye(3) == R).all() else pin.SE3ToXYZQUAT(placement)
-    if not np.isfinite(numbers).all() or np.abs(p).max() > tolerances.HUGE:
+    if not (np.abs(p) <= tolerances.HUGE).all():
         raise InvalidArgument(
             f"{argument}: its placement is at {p.tolist()}: finite numbers [m] are needed"
         )
     if fault := rotation_fault(R):
         raise InvalidArgument(f"{argument}: its placement has no valid rotation: {fault}")
+    numbers = p if (np.eye(3) == R).all() else pin.SE3ToXYZQUAT(placement)
     # 0.0 for -0.0, and whole numbers without a point
     return f"{base} + [{' '.join(f'{x + 0.0!r}'.removesuffix('.0') for x in numbers.tolist())}]"
 
@@ -106,25 +107,26 @@ def place_of(text: str) -> Place | None:
         numbers = [float(number) for number in found[2].split()]
     except ValueError:
         return None
-    if len(numbers) == 3:
-        return Place(found[1], pin.SE3(np.eye(3), np.array(numbers)))
-    size = math.hypot(*numbers[3:])
-    if len(numbers) != 7 or not 0.0 < size < math.inf:
+    p, turn = np.array(numbers[:3]), np.array(numbers[3:] or [0.0, 0.0, 0.0, 1.0])
+    largest = float(np.abs(turn).max())
+    known = len(p) == 3 and len(turn) == 4 and 0.0 < largest < math.inf
+    if not known or np.abs(p).max() > tolerances.HUGE:
         raise InvalidArgument(
             f"frame = {text!r}: x y z [m] are needed in brackets, or x y z and a quaternion x y z w"
         )
-    turn = [x / size for x in numbers[3:]]
-    return Place(found[1], pin.XYZQUATToSE3(np.array([*numbers[:3], *turn])))
+    turn /= largest  # its square may be too small, or too large, for a number
+    placement = pin.XYZQUATToSE3(np.concatenate((p, turn / np.linalg.norm(turn))))
+    return Place(found[1], placement)
 
 
 def number_of(base: str) -> int | None:
     """Number of a joint that is given by one; None for a name."""
-    return int(base[1:]) if re.fullmatch(r"#\d+", base) else None
+    return int(base[1:]) if re.fullmatch(_NUMBER, base) else None
 
 
 def short(text: str) -> str:
     """Text of frames for names: four digits of each number, and a pin.Frame by its name."""
-    text = re.sub(rf" \(#\d+ \+ {_NUMBERS}\)", "", text)
+    text = re.sub(rf" \({_NUMBER} \+ {_NUMBERS}\)", "", text)
     return re.sub(rf"(?<= \+ ){_NUMBERS}", _four_digits, text)
 
 
