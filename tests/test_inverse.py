@@ -305,6 +305,8 @@ def test_actuation_of_coupled_motors_is_a_value():
         (lambda: CoupledMotor("m", {}), cp.InvalidArgument, "one joint at least"),
         (lambda: CoupledMotor("m", ["joint1"]), cp.InvalidArgument, "a weight by joint"),
         (lambda: CoupledMotor("m", {"joint1": 0.0}), cp.InvalidArgument, "of 'joint1' is 0"),
+        (lambda: CoupledMotor("m", {"joint1": 1e-200}), cp.InvalidArgument, "is 1e-200; leave it"),
+        (lambda: CoupledMotor("m", [("j", 1), ("j", 2)]), cp.InvalidArgument, "is named twice"),
         (lambda: CoupledMotor("m", {"joint1": np.nan}), cp.InvalidArgument, "finite numbers"),
         (lambda: CoupledMotor("m", {"joint1": 1.0}, (3.0, 1.0)), cp.InvalidArgument, "below the"),
         (lambda: CoupledMotor("m", {"joint1": 1.0}, 3.0), cp.InvalidArgument, "the least and"),
@@ -321,6 +323,14 @@ def test_coupled_motors_refuse(made, error, said):
         Actuation(arm, [DIFFERENTIAL[0], made()])
     with pytest.raises(error, match=said):
         arm.with_motors(DIFFERENTIAL[0], made())
+
+
+def test_no_two_motors_have_one_name():
+    solo = robot("solo12")
+    base = Actuation(solo, ["root_joint"]).motors[0]
+    knee = CoupledMotor(base, {solo.joints[1]: 1.0})
+    with pytest.raises(cp.InvalidArgument, match=f"two are named '{base}'"):
+        Actuation(solo, ["root_joint", knee])
 
 
 def test_a_motor_on_several_joints_needs_joints_of_one_freedom():

@@ -446,11 +446,45 @@ def test_limits_of_motors_on_several_joints(tmp_path, words, wanted):
     '<position name="m" tendon="sum" kp="3"/>', '<motor name="m" tendon="sum" gear="0"/>',
     '<general name="m" tendon="sum" gainprm="0" ctrlrange="-1 1"/>',
     '<motor name="m" tendon="sum" ctrlrange="0.1 1"/>',
+    '<damper name="m" tendon="sum" kv="2" ctrlrange="0 1"/>',
+    '<general name="m" tendon="sum" gaintype="affine" gainprm="2 1 1"/>',
 ])  # fmt: skip
 def test_servos_on_tendons_and_what_never_pushes_are_no_motors(tmp_path, words):
     robot = read_text(tmp_path, two(SUM_AND_DIFFERENCE + motor(words)))
     assert robot.coupled_motors == ()
     assert any("no motors here: m on tendon 'sum'" in line for line in robot.unused)
+
+
+def test_a_range_of_force_of_a_tendon_limits_the_motor_that_pulls_on_it_alone(tmp_path):
+    held = SUM_AND_DIFFERENCE.replace('name="sum"', 'name="sum" actuatorfrcrange="-2 1"')
+    text = two(held + motor('<motor name="m" tendon="sum" gear="5" ctrlrange="-9 9"/>'))
+    robot = read_text(tmp_path, text)
+    (made,) = robot.coupled_motors
+    referee = mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(referee)
+    for limit, ctrl in zip(made.limits, (-9.0, 9.0), strict=True):
+        data.ctrl[:] = ctrl
+        mujoco.mj_forward(referee, data)
+        assert np.allclose(limit * robot.joint_vector(made.weights), data.qfrc_actuator)
+    assert not any("ranges of force" in line for line in robot.unused)
+    both = motor('<motor name="m" tendon="sum"/><motor name="n" tendon="sum"/>')
+    robot = read_text(tmp_path, two(held + both))
+    assert [made.limits for made in robot.coupled_motors] == [(-np.inf, np.inf)] * 2
+    assert any("tendons that motors share, or over one joint (sum)" in x for x in robot.unused)
+
+
+def test_a_range_of_force_of_a_joint_is_not_lost_without_a_word(tmp_path):
+    text = two(SUM_AND_DIFFERENCE + motor('<motor name="m" tendon="sum"/>'))
+    robot = read_text(tmp_path, text.replace('name="j"', 'name="j" actuatorfrcrange="-2 2"', 1))
+    assert any("ranges of force of joints (j)" in line for line in robot.unused)
+
+
+def test_a_motor_has_a_name_of_its_own(tmp_path):
+    motors = motor('<motor name="j" tendon="sum"/><motor name="j_motor" tendon="sum"/>')
+    robot = read_text(tmp_path, two(SUM_AND_DIFFERENCE + motors))
+    assert [made.name for made in robot.coupled_motors] == ["j_motor_", "j_motor"]
+    robot = robot.with_motors("ball", CoupledMotor("ball_0", {"j": 1.0, "k": 2.0}))
+    assert read_text(tmp_path, robot.to_mjcf()).coupled_motors[0].name == "ball_0_"
 
 
 def test_motors_on_several_joints_come_back(tmp_path):

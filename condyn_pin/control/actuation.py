@@ -10,6 +10,7 @@ of several joints, and zero elsewhere.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -86,6 +87,12 @@ class Actuation:
         own = [motor for motor in motors if isinstance(motor, str)]
         object.__setattr__(self, "joints", motors)
         object.__setattr__(self, "ratios", _ratios(own, self.ratios))
+        for name, count in Counter(self.motors).items():
+            if count > 1:
+                raise InvalidArgument(
+                    f"motors: two are named {name!r}, one of them for a coordinate of its joint; "
+                    "rename the other"
+                )
 
     @cached_property
     def B(self) -> Array:

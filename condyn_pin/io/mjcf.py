@@ -466,22 +466,31 @@ def driven(mj: Any) -> list[int | None]:
 def coupled_motors(mj: Any) -> dict[int, CoupledMotor]:
     """Return the motors on fixed tendons over several joints, by the number of the actuator.
 
-    Servos are none: they push at ctrl = 0.
+    Servos are none: they push at ctrl = 0. Nor are dampers, whose force is not theirs to choose.
     """
-    names, joints, biased = names_of(mj, "actuator"), joint_names(mj), _biased(mj)
-    found = {}
-    for k, (kind, target) in enumerate(pulled(mj)):
-        weights = coefficients_of(mj, target) if kind == "tendon" and not biased[k] else None
+    joints, fixed = joint_names(mj), int(require_mujoco("").mjtGain.mjGAIN_FIXED)
+    acts = (mj.actuator_gaintype == fixed) & ~_biased(mj)
+    names = names_of(mj, "actuator")
+    taken, found = {*joints, *names}, {}
+    for k, (name, (kind, target)) in enumerate(zip(names, pulled(mj), strict=True)):
+        weights = coefficients_of(mj, target) if kind == "tendon" and acts[k] else None
         gear, (least, largest) = float(mj.actuator_gear[k, 0]), _limits(mj, k)
         if weights and len(weights) > 1 and gear and least < largest:
-            name = names[k] if names[k] not in joints else f"{names[k]}_motor"
+            if name in joints:
+                name += "_motor"
+                while name in taken:
+                    name += "_"
+                taken.add(name)
             pulls = {joints[j]: gear * c for j, c in weights.items()}
             found[k] = CoupledMotor(name, pulls, (least, largest))
     return found
 
 
 def _limits(mj: Any, k: int) -> tuple[float, float]:
-    """Least and largest force of an actuator: its forcerange, and gain times its ctrlrange."""
+    """Least and largest force of an actuator: its forcerange, and gain times its ctrlrange.
+
+    Where it pulls on a tendon alone, that tendon's range of force too.
+    """
     types, gain = require_mujoco(""), float(mj.actuator_gainprm[k, 0])
     fixed = mj.actuator_gaintype[k] == int(types.mjtGain.mjGAIN_FIXED)
     direct = mj.actuator_dyntype[k] == int(types.mjtDyn.mjDYN_NONE)
@@ -491,8 +500,18 @@ def _limits(mj: Any, k: int) -> tuple[float, float]:
         ranges.append(mj.actuator_forcerange[k].tolist())
     if clamped and fixed and direct:
         ranges.append(sorted((gain * mj.actuator_ctrlrange[k]).tolist()))
+    if (t := _held_tendon(mj, k)) is not None:
+        ranges.append(mj.tendon_actfrcrange[t].tolist())
     least, largest = (max(low for low, _ in ranges), min(high for _, high in ranges))
     return (least if least > -FAR else -inf), (largest if largest < FAR else inf)
+
+
+def _held_tendon(mj: Any, k: int) -> int | None:
+    """Tendon on which an actuator pulls alone, if it has a range of force; else None."""
+    targets = [*pulled(mj)]
+    kind, t = targets[k]
+    held = kind == "tendon" and mj.tendon_actfrclimited[t] and targets.count((kind, t)) == 1
+    return t if held else None
 
 
 FREE, BALL = 0, 1  # of MuJoCo's mjtJoint
@@ -584,6 +603,14 @@ def unused(mj: Any, had: Transmissions, coupled: Collection[int]) -> Iterator[st
     scalar = mj.jnt_type > BALL
     if limited := _named(joints, scalar & np.isfinite(had.limits).any(axis=1)):
         yield f"limits of position ({len(limited)} joints)"
+    if pressed := _named(joints, mj.jnt_actfrclimited):
+        yield f"ranges of force of joints ({few(pressed)}): effortLimit of a model is one"
+    held = {_held_tendon(mj, k) for k in coupled}
+    shared = [
+        name for t, name in enumerate(of["tendon"]) if mj.tendon_actfrclimited[t] and t not in held
+    ]
+    if shared:
+        yield f"ranges of force of tendons that motors share, or over one joint ({few(shared)})"
     if wide := _named(joints, mj.jnt_range.any(axis=1) & (mj.jnt_limited == 0)):
         yield f"ranges that are no limits to MuJoCo ({few(wide)})"
 

@@ -239,14 +239,19 @@ class RobotWriter:
     def _add_motors(self) -> None:
         if not self.robot.motor_joints:
             return
-        actuator = SubElement(self.root, "actuator")
+        actuator, taken = SubElement(self.root, "actuator"), set[str]()
         for joint in self.robot.actuated:
             nv = self.model.joints[self.model.getJointId(joint)].nv
             for k in range(nv):
                 said = {"name": joint if nv == 1 else f"{joint}_{k}", "joint": joint}
                 SubElement(actuator, "motor", said | {"gear": numbers(np.eye(6)[k])})
+                taken.add(said["name"])
         for motor in self.robot.coupled_motors:
-            said = {"name": motor.name, "tendon": self.fixed_tendon(motor.name, motor.weights)}
+            name = motor.name
+            while name in taken:
+                name += "_"
+            taken.add(name)
+            said = {"name": name, "tendon": self.fixed_tendon(motor.name, motor.weights)}
             if motor.limits != (-inf, inf):
                 said["forcerange"] = numbers(np.clip(motor.limits, -FAR, FAR))
             SubElement(actuator, "motor", said)

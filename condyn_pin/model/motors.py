@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import Any
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import shown
 from condyn_pin.constraints.base import floats, text
 from condyn_pin.errors import InvalidArgument
@@ -74,16 +75,18 @@ def check_coupled(model: Any, motors: Sequence[CoupledMotor]) -> None:
 
 def _weights(given: Any) -> tuple[tuple[str, float], ...]:
     """Pairs of joints and their weights."""
-    pairs = given.items() if isinstance(given, Mapping) else given
     try:
+        pairs = [*(given.items() if isinstance(given, Mapping) else given)]
         found = {text("joints", name, "joint"): weight for name, weight in pairs}
     except (TypeError, ValueError) as error:
         raise InvalidArgument(f"joints = {shown(given)}: a weight by joint is needed") from error
     if not found:
         raise InvalidArgument(f"joints = {shown(given)}: one joint at least is needed")
+    if len(found) < len(pairs):
+        raise InvalidArgument(f"joints = {shown(given)}: a joint is named twice; name it once")
     for name, weight in zip(found, floats("joints", [*found.values()], len(found)), strict=True):
-        if weight == 0.0:
-            raise InvalidArgument(f"joints: the weight of {name!r} is 0; leave it out")
+        if abs(weight) < 1.0 / tolerances.HUGE:
+            raise InvalidArgument(f"joints: the weight of {name!r} is {weight:g}; leave it out")
         found[name] = weight
     return tuple(found.items())
 
