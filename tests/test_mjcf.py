@@ -532,8 +532,8 @@ def test_a_spoilt_mjcf_is_refused_or_read(tmp_path, seed):
 def test_excluded_bodies_are_kept_and_written(read):
     text = TWO_ARMS.replace("EQUALITY", "").replace(
         "</mujoco>",
-        '<contact><exclude body1="c" body2="a"/><exclude body1="world" body2="b"/></contact>'
-        "</mujoco>",
+        '<contact><exclude body1="c" body2="a"/><exclude body1="world" body2="b"/>'
+        '<exclude body1="b" body2="b"/></contact></mujoco>',
     )
     robot = read(text)
     assert robot.exclusions == {frozenset("ca"), frozenset({"world", "b"})}

@@ -336,6 +336,24 @@ def test_axes_of_a_force_are_those_of_any_frame():
         cp.PointContact("foot", drift=3.0)
 
 
+def test_forces_of_a_motion_are_in_the_axes_that_are_wanted():
+    named, _ = solo()
+    q, v, tau = pin.neutral(named.model), np.zeros(named.nv), np.zeros(named.nv)
+    spot = cp.PointContact("hip")
+    motion, plain = (
+        cp.simulate(cp.Scene(named, [spot, contact]), q, v, tau, duration=0.003, dt=1e-3)
+        for contact in (
+            cp.SurfaceContact("foot", axes=(5, AHEAD), name="c"),
+            cp.SurfaceContact("foot", name="c"),
+        )
+    )
+    assert np.array_equal(motion.forces["hip"], plain.forces["hip"])
+    for k, force in enumerate(motion.forces["c"]):
+        wanted = cp.solve(motion.scene, motion.q[k], motion.v[k], tau).forces["c"]
+        assert np.allclose(force, wanted, rtol=1e-6, atol=1e-6)
+        assert not np.allclose(force, plain.forces["c"][k], rtol=1e-3)
+
+
 LINKS = link("base", "") + link("arm") + joint("shoulder", "base", "arm")
 TOML = """name = "two"
 source = "here"

@@ -46,7 +46,7 @@ def rigid_constraint(machine: Machine, rigid: Any, i: int) -> Constraint:
     try:
         drift = _drift(rigid, name)
         one, two = (
-            by_name(machine, frame_text(f"{name}: joint {k}", (joint, placement)))
+            by_name(machine, frame_text(f"joint {k}", (joint, placement)))
             for k, joint, placement in (
                 (1, rigid.joint1_id, rigid.joint1_placement),
                 (2, rigid.joint2_id, rigid.joint2_placement),

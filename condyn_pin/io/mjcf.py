@@ -135,8 +135,9 @@ class _Reader:
             unmodelled=(*self.lost_rows, *unmodelled(mj, self.had)),
             lost_rows=tuple(self.lost_rows),
             exclusions=frozenset(
-                frozenset(self.bodies[b] for b in divmod(pair, 2**16))
-                for pair in mj.exclude_signature.tolist()
+                frozenset((self.bodies[a], self.bodies[b]))
+                for a, b in (divmod(pair, 2**16) for pair in mj.exclude_signature.tolist())
+                if a != b
             ),
             name="" if name == _UNNAMED else name,
         )
@@ -469,7 +470,7 @@ def coupled_motors(mj: Any) -> dict[int, CoupledMotor]:
     Servos are none: they push at ctrl = 0. Nor are dampers, whose force is not theirs to choose.
     """
     joints, fixed = joint_names(mj), int(require_mujoco("").mjtGain.mjGAIN_FIXED)
-    acts = (mj.actuator_gaintype == fixed) & ~_biased(mj)
+    acts = (mj.actuator_gaintype == fixed) & np.logical_not(_biased(mj))
     names = names_of(mj, "actuator")
     taken, found = {*joints, *names}, {}
     for k, (name, (kind, target)) in enumerate(zip(names, pulled(mj), strict=True)):

@@ -15,8 +15,10 @@ from condyn_pin._core import show
 from condyn_pin._core.arguments import counted, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.show import require_pandas
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.problem import MODES
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import ConstraintForce, Sites
 from condyn_pin.model.joints import coordinate_names
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.measures import (
@@ -148,23 +150,36 @@ class Trajectory:
     def forces(self) -> dict[str, Array]:
         """Force on the first-named body by constraint, (k, 3), (k, 6) or (k, 1) [N, N m].
 
-        In the axes of each constraint; what its kind does not transmit is zero, the moment of a
-        point too that becomes a surface of its name. A rod has one number, its tension with the
-        sign of lam. A contact has (t1, t2, n) on the robot, n from the ground to it; a stop and dry
-        friction have one number.
+        In the axes of each constraint, or its `axes` if it has such; what its kind does not
+        transmit is zero, the moment of a point too that becomes a surface of its name. A rod has
+        one number, its tension with the sign of lam. A contact has (t1, t2, n) on the robot, n from
+        the ground to it; a stop and dry friction have one number.
         """
         parts: dict[str, list[tuple[slice, Array]]] = {}
         for phase in self.phases:
-            for bound in phase.scene.bounds:
-                force = self.lam[phase.samples][:, list(phase.columns[bound.rows])]
+            turned = [bool(constraint.axes) for constraint in phase.scene.constraints]
+            lam = self.lam[phase.samples][:, list(phase.columns[: phase.scene.rows])]
+            there = self._turned(phase, lam) if any(turned) else []
+            for bound, axes in zip(phase.scene.bounds, turned, strict=True):
+                force = lam[:, bound.rows]
                 if not bound.is_scalar:
-                    force = np.array([bound.whole(row) for row in force])
+                    force = np.array(
+                        [forces[bound.name].components for forces in there]
+                        if axes
+                        else [bound.whole(row) for row in force]
+                    )
                 parts.setdefault(bound.name, []).append((phase.samples, force))
             rows = list(phase.columns[phase.scene.rows :])
             for name, its in contact_rows(candidates_of(phase.scene)).items():
                 force = self.lam[phase.samples][:, rows[its]]
                 parts.setdefault(name, []).append((phase.samples, force))
         return {name: self._joined(each) for name, each in parts.items()}
+
+    def _turned(self, phase: Phase, lam: Array) -> list[dict[str, ConstraintForce]]:
+        """Forces at each sample of a phase, in the axes that its constraints want."""
+        scene, q = phase.scene, self.q[phase.samples]
+        equations = Equations(scene.robot.unedited, scene.bounds)
+        return [Sites(scene, each, equations).forces(row) for each, row in zip(q, lam, strict=True)]
 
     def _joined(self, parts: list[tuple[slice, Array]]) -> Array:
         """Arrays of one constraint over all phases (k, columns), zero where a phase has none."""
