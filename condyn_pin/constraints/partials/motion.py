@@ -1,6 +1,7 @@
-"""Partial derivatives by q and v of relative motions of two frames.
+"""Partial derivatives by q and v of relations between two frames.
 
-Accelerations are fixed.
+Accelerations and forces are fixed. Every kind is its weights W of the relative motion s: hinges,
+sliders, planar pins, welds, surfaces, edges and rods as much as relations of users.
 
 With delta = J_s dq the displacement of c1 relative to c2 by a step dq, in the axes of c1,
 
@@ -12,110 +13,64 @@ the last cross product that of spatial motions; R, r and X belong to c1Mc2.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final, NamedTuple, TypeAlias
 
 import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import FRAME, Bound, TwoFrameConstraint
-from condyn_pin.constraints.rows.frames import Ends, Joints
+from condyn_pin.constraints.baumgarte import Baumgarte, gains
+from condyn_pin.constraints.rows.bound import Bound, TwoFrameConstraint
+from condyn_pin.constraints.rows.frames import Ends, Joints, cross, rows_of
 from condyn_pin.constraints.rows.special import BoundRelation, skews
 
 _skew = pin.skew
 
+# A constraint between two frames, but for points.
+Pair: TypeAlias = Bound | BoundRelation
+
 
 class RelativeMotion(NamedTuple):
-    """Velocity of c1 relative to c2, its rate, and their partials, in the axes of c1.
+    """Velocities, their rates, and the partials of both, of k constraints."""
 
-    Of one constraint, or of many, stacked.
-    """
-
-    J: Array  # (6, nv), of the velocity by v
-    s_q: Array  # (6, nv), of its rate
+    J: Array  # (k, 6, nv), of the velocity by v
+    s_q: Array  # (k, 6, nv), of its rate
     s_v: Array
-    velocity: Array  # (6,)
+    velocity: Array  # (k, 6)
     velocity_q: Array
-    s: Array  # (6,), its rate
-    dr: Array  # (3, nv), of r by q
-
-    def of(self, i: int) -> RelativeMotion:
-        """Relative motion of one constraint among many."""
-        return RelativeMotion(*(part[i] for part in self))
+    s: Array  # (k, 6), its rate
 
 
-def twist_of(one: End, two: End, X: Array) -> RelativeMotion:
-    """Relative twist, a spatial motion with its linear part at the origin of c1.
+def relative_motion(one: End, two: End, X: Array, r: Array) -> RelativeMotion:
+    """Velocity of body 1 relative to body 2 at the origin of c2, in the axes of c1.
 
-    u = v1 - X v2,    s = u' = a1 - X a2 + u x X v2
+    From that at the origin of c1,
+
+        u = v1 - X v2,    u' = a1 - X a2 + u x X v2,
+
+    by r' = -s_lin:
+
+        s = W u,    s' = W u' + W' u,    W = (1, -r x; 0, 1),    W' = (0, s_lin x; 0, 0).
     """
     X_J2, v2, a2 = X @ two.J, _times(X, two.v), _times(X, two.a)
-    J, velocity = one.J - X_J2, one.v - v2
-    by_v2, by_velocity = spatial_cross(v2), spatial_cross(velocity)
+    J, u = one.J - X_J2, one.v - v2
+    by_v2, by_u = spatial_cross(v2), spatial_cross(u)
     v2_q = by_v2 @ J + X @ two.v_q
-    velocity_q = one.v_q - v2_q
-    s_q = one.a_q - spatial_cross(a2) @ J - X @ two.a_q + by_velocity @ v2_q - by_v2 @ velocity_q
-    s_v = one.a_v - X @ two.a_v + by_velocity @ X_J2 - by_v2 @ J
-    s = one.a - a2 + _times(by_velocity, v2)
-    return RelativeMotion(J, s_q, s_v, velocity, velocity_q, s, _of_lever(J, X))
-
-
-def _of_lever(J: Array, X: Array) -> Array:
-    """Partials of r by q, -(J_lin + J_ang x r), with X of R and r."""
-    R, r_x_R = X[..., :3, :3], X[..., :3, 3:]
-    return np.asarray(r_x_R @ (R.swapaxes(-1, -2) @ J[..., 3:, :]) - J[..., :3, :])
-
-
-def at_c2(twist: RelativeMotion, r: Array) -> RelativeMotion:
-    """Relative motion with its linear part at the origin of c2.
-
-    With w the angular part, the linear one is
-
-        p = u_lin + w x r,    p' = u_lin' + w' x r - w x p,    r' = -p.
-    """
-    lin, ang, r_x, J = slice(0, 3), slice(3, 6), skews(r), -twist.dr
-    w, w_q, alpha = twist.velocity[..., ang], twist.velocity_q[..., ang, :], twist.s[..., ang]
-    W = skews(w)
-    p = twist.velocity[..., lin] - _times(r_x, w)
-    p_q = twist.velocity_q[..., lin, :] - r_x @ w_q - W @ J
-    by_p = skews(p)
-    s = twist.s[..., lin] - _times(r_x, alpha) - _times(W, p)
-    s_q = twist.s_q[..., lin, :] - r_x @ twist.s_q[..., ang, :] - skews(alpha) @ J
-    s_q += by_p @ w_q - W @ p_q
-    s_v = twist.s_v[..., lin, :] - r_x @ twist.s_v[..., ang, :] - W @ J
-    s_v += by_p @ twist.J[..., ang, :]
-    return _with_linear(twist, (J, s_q, s_v), p, p_q, s)
-
-
-def apart(one: End, two: End, c1Mc2: Any, twist: RelativeMotion) -> RelativeMotion:
-    """Relative motion of the two origins, as if r were zero."""
-    R, Ja = c1Mc2.rotation, twist.J[3:]
-    (a1, a1_q, a1_v), (a2, a2_q, a2_v) = one.classical(), two.classical()
-    v2, a2 = R @ two.v[:3], R @ a2
-    velocity_q = one.v_q[:3] - _skew(v2) @ Ja - R @ two.v_q[:3]
-    s_q, s_v = a1_q - _skew(a2) @ Ja - R @ a2_q, a1_v - R @ a2_v
-    rows = one.J[:3] - R @ two.J[:3], s_q, s_v
-    return _with_linear(twist, rows, one.v[:3] - v2, velocity_q, a1 - a2)
-
-
-def _with_linear(
-    twist: RelativeMotion,
-    rows: tuple[Array, Array, Array],
-    velocity: Array,
-    velocity_q: Array,
-    s: Array,
-) -> RelativeMotion:
-    """Relative motion with another linear part and the same angular one."""
-    J, s_q, s_v = (
-        np.concatenate((part, whole[..., 3:, :]), axis=-2)
-        for part, whole in zip(rows, twist, strict=False)
-    )
-    velocity, s = (
-        np.concatenate((part, whole[..., 3:]), axis=-1)
-        for part, whole in ((velocity, twist.velocity), (s, twist.s))
-    )
-    velocity_q = np.concatenate((velocity_q, twist.velocity_q[..., 3:, :]), axis=-2)
-    return RelativeMotion(J, s_q, s_v, velocity, velocity_q, s, twist.dr)
+    u_q = one.v_q - v2_q
+    s_q = one.a_q - spatial_cross(a2) @ J - X @ two.a_q + by_u @ v2_q - by_v2 @ u_q
+    s_v = one.a_v - X @ two.a_v + by_u @ X_J2 - by_v2 @ J
+    rate = one.a - a2 + _times(by_u, v2)
+    W, turned, swept, by_rate = np.zeros((4, *X.shape))
+    W[:] = np.eye(6)
+    W[..., :3, 3:] = -skews(r)
+    velocity, J_c1, J = _times(W, u), J, W @ J
+    # D(delta) u = delta_lin x u_ang, and the same of u'
+    swept[..., :3, :3], by_rate[..., :3, :3] = -skews(u[..., 3:]), -skews(rate[..., 3:])
+    turned[..., :3, 3:] = skews(velocity[..., :3])  # W'
+    velocity_q = W @ u_q + swept @ J
+    s_q = W @ s_q + by_rate @ J + turned @ u_q + swept @ velocity_q
+    s_v = W @ s_v + turned @ J_c1 + swept @ J
+    return RelativeMotion(J, s_q, s_v, velocity, velocity_q, _times(W, rate) + _times(turned, u))
 
 
 def _times(A: Array, x: Array) -> Array:
@@ -152,6 +107,12 @@ class At(NamedTuple):
     X: Array  # (k, 6, 6), motions in the axes of c2 to those of c1
     R: Array  # (k, 3, 3), c1Mc2
     r: Array  # (k, 3)
+
+    @classmethod
+    def single(cls, one: End, two: End, c1Mc2: Any) -> At:
+        """Ends of one constraint."""
+        X, R, r = c1Mc2.toActionMatrix(), c1Mc2.rotation, c1Mc2.translation
+        return cls(one.stacked(), two.stacked(), X[None], R[None], r[None])
 
 
 class EndPartials:
@@ -226,9 +187,13 @@ class End(NamedTuple):
             self.a_v[:3] + W @ self.J[:3] - V @ self.J[3:],
         )
 
-    def of(self, i: int) -> End:
-        """One end among many."""
-        return End(*(part[i] for part in self))
+    def stacked(self) -> End:
+        """One end as many."""
+        return End(*(part[None] for part in self))
+
+    def still(self) -> End:
+        """End that does not change by a twist of the other."""
+        return End(self.v, self.a, *np.zeros((4, 6, 6)))
 
     def by_twist(self) -> End:
         """End with its partials by a twist of the frame on its body."""
@@ -256,14 +221,11 @@ class Frames:
             moved[at : at + self._model.nvs[above]] = 1.0
         return moved
 
-    def between(self, b: Bound | BoundRelation) -> Any:
-        """Relative placement c1Mc2."""
-        oMi = self.data.oMi
-        return (oMi[b.joint1] * b.placement1).actInv(oMi[b.joint2] * b.placement2)
-
-    def ends(self, b: Bound | BoundRelation) -> tuple[End, End]:
-        """Ends c1 and c2."""
-        return self.end(b.joint1, b.placement1), self.end(b.joint2, b.placement2)
+    def ends(self, b: Pair) -> tuple[End, End, Any]:
+        """Ends c1 and c2, and their relative placement c1Mc2."""
+        c1, c2 = b.ends(self.data.oMi)
+        one, two = self.end(b.joint1, b.placement1), self.end(b.joint2, b.placement2)
+        return one, two, c1.actInv(c2)
 
     def end(self, joint: int, placement: Any) -> End:
         """Frame on a joint as the end of a constraint."""
@@ -283,84 +245,6 @@ class Frames:
         return v_q, a_q, a_v, J
 
 
-class Partials(NamedTuple):
-    """Partial derivatives of the rows of one constraint, and of its wrenches on the two bodies."""
-
-    J: Array  # (rows, nv)
-    s_q: Array  # (rows, nv), of J a + gamma
-    s_v: Array  # (rows, nv)
-    w1_q: Array | None = None  # (6, nv), of the wrench at the origin of c1, in its axes
-    w2_q: Array | None = None  # (6, nv), the same of c2
-
-
-def of_frame(b: Bound, _v_q: Array, a_q: Array, a_v: Array, J: Array) -> Partials:
-    """Partials of a surface or an edge: rows of the frame's own velocity."""
-    if b.selection == FRAME:
-        return Partials(J, a_q, a_v)
-    chosen = list(b.selection)
-    return Partials(J[chosen], a_q[chosen], a_v[chosen])
-
-
-def of_point(one: End) -> Partials:
-    """Partials of a point on the world."""
-    _, a_q, a_v = one.classical()
-    return Partials(one.J[:3], a_q, a_v)
-
-
-def of_pair(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
-    """Partials of a loop between two bodies, or with an anchor in the world."""
-    X = c1Mc2.toActionMatrix()
-    twist = twist_of(one, two, X)
-    if b.is_plain and b.size == 6:
-        return of_weld(twist, X, lam)
-    if b.is_plain:
-        return of_cut(b, apart(one, two, c1Mc2, twist), c1Mc2.rotation, lam)
-    of = at_c2(twist, c1Mc2.translation)
-    if b.is_rod:
-        return of_rod(c1Mc2.rotation, c1Mc2.translation, of, float(lam[0]))
-    return of_cut(b, of, c1Mc2.rotation, lam)
-
-
-def of_weld(twist: RelativeMotion, X: Array, lam: Array) -> Partials:
-    """Partials of a weld between two bodies."""
-    return Partials(twist.J, twist.s_q, twist.s_v, None, X.T @ dual_cross(lam) @ twist.J)
-
-
-def of_cut(b: Bound, of: RelativeMotion, R: Array, lam: Array) -> Partials:
-    """Partials of a ball or of a cut joint between two bodies."""
-    chosen, six = list(b.selection), np.zeros(6)
-    six[chosen] = lam
-    F, T = _skew(six[:3]), _skew(six[3:])
-    # a plain ball is held at both origins: no lever changes
-    w1_q = None if b.is_plain else np.concatenate([np.zeros_like(of.dr), -F @ of.dr])
-    w2_q = -np.concatenate([R.T @ F @ of.J[3:], R.T @ T @ of.J[3:]])
-    return Partials(of.J[chosen], of.s_q[chosen], of.s_v[chosen], w1_q, w2_q)
-
-
-def of_rod(R: Array, r: Array, of: RelativeMotion, lam: float) -> Partials:
-    """Partials of n . s' - (|s|^2 - (n . s)^2) / |r|, and of the force lam n."""
-    v, v_q, dr = of.velocity[:3], of.velocity_q[:3], of.dr
-    distance, J = float(np.linalg.norm(r)), of.J[:3]
-    n, n_q = direction(r, dr)
-    along, along_q = n @ v, n @ v_q + v @ n_q
-    across = v @ v - along**2
-    s_q = n @ of.s_q[:3] + of.s[:3] @ n_q + across / distance**2 * (n @ dr)
-    s_q -= 2 * (v @ v_q - along * along_q) / distance
-    s_v = n @ of.s_v[:3] - 2 * (v @ J - along * (n @ J)) / distance
-    F_q, F = lam * n_q, lam * _skew(n)
-    w1_q = np.concatenate([F_q, _skew(r) @ F_q - F @ dr])
-    turned = R.T @ (F_q - F @ of.J[3:])
-    w2_q = np.concatenate([turned, np.zeros_like(turned)])
-    return Partials((n @ J)[None], s_q[None], s_v[None], w1_q, w2_q)
-
-
-def direction(r: Array, dr: Array) -> tuple[Array, Array]:
-    """Direction n = r / |r|, and its partials."""
-    distance = np.linalg.norm(r)
-    n = r / distance
-    return n, (np.eye(3) - np.outer(n, n)) @ dr / distance
-
-
 def dual_cross(wrench: Array) -> Array:
     """Matrix D with D x = x x* wrench, for a spatial motion x."""
     D, F = np.zeros((6, 6)), _skew(-wrench[:3])
@@ -369,7 +253,7 @@ def dual_cross(wrench: Array) -> Array:
     return D
 
 
-# How the rows of a relation change with q and v, at fixed accelerations and forces.
+# How the rows of every kind change with q and v, at fixed accelerations and forces.
 #
 # With delta = J_s dq the displacement of c1 relative to c2, W changes by D(delta), its rate at that
 # velocity, linear in delta, and D(s) by its partials B(delta) at fixed s (`weights_bend`):
@@ -382,43 +266,150 @@ def dual_cross(wrench: Array) -> Array:
 # R^T f besides by R^T (delta_ang x f).
 
 
-def of_relation(b: BoundRelation, of: RelativeMotion, R: Array, r: Array, lam: Array) -> Partials:
-    """Partials of the rows, and of the wrenches on both bodies."""
-    W, D = b.relation.weights(R, r), _rates(b, R, r)
-    at_s = np.tensordot(of.velocity, D, 1)  # D(s)
-    bend = np.einsum("irk,k->ri", b.relation.weights_bend(R, r, of.velocity), of.velocity)
-    by_s = _applied(D, of.velocity)  # (rows, 6): delta to D(delta) s
-    s_q = W @ of.s_q + (_applied(D, of.s) + bend) @ of.J + (at_s + by_s) @ of.velocity_q
-    s_v = W @ of.s_v + (at_s + by_s) @ of.J
-    f, f_q = W.T @ lam, np.einsum("irk,r->ki", D, lam) @ of.J
-    moved = np.concatenate([f_q[:3], f_q[3:] + _skew(r) @ f_q[:3] + _skew(f[:3]) @ of.J[:3]])
-    turned = [
-        R.T @ (part - _skew(x) @ of.J[3:]) for part, x in ((f_q[:3], f[:3]), (f_q[3:], f[3:]))
-    ]
-    return Partials(W @ of.J, s_q, s_v, moved, np.concatenate(turned))
+class Partials(NamedTuple):
+    """Partial derivatives of the rows of some constraints, and of their k wrenches."""
+
+    J: Array  # (rows, nv)
+    s_q: Array  # (rows, nv), of J a + gamma, and of what pulls the rows back
+    s_v: Array  # (rows, nv), of J a + gamma
+    v_q: Array  # (rows, nv), of J v
+    w1: Array  # (k, 6), wrench on body 1 at the origin of c1, in its axes
+    w2: Array  # (k, 6), the opposite of that on body 2, at c2
+    w1_q: Array  # (k, 6, nv)
+    w2_q: Array
 
 
-def gap_of_relation(
-    b: BoundRelation, of: RelativeMotion, R: Array, r: Array
-) -> tuple[Array, Array]:
-    """Partials of c and of J v: that of c is J, for c' = J v."""
-    W = b.relation.weights(R, r)
-    return W @ of.J, W @ of.velocity_q + _applied(_rates(b, R, r), of.velocity) @ of.J
+class Kinds:
+    """Constraints between two frames, with their weights.
+
+    Each has p rows here, six or more, of which `chosen` are those that it has.
+    """
+
+    def __init__(self, bounds: Sequence[Pair], drift: Baumgarte | None) -> None:
+        self._bounds, self._drift = bounds, drift
+        self._p = p = max(6, *(b.size for b in bounds))
+        self.rows = rows_of(bounds)
+        self._chosen = np.array([p * i + j for i, b in enumerate(bounds) for j in b.of_six])
+        self.signs = np.concatenate([np.full((b.size, 1), b.sign) for b in bounds])
+        # those of cut joints are rows of s
+        self._weigh = not all(isinstance(b, Bound) and b.is_cut for b in bounds)
+        if drift:
+            self._Kp, self._Kd = (each[:, None] for each in gains(bounds, drift))
+
+    def at(self, at: At, lam: Array) -> Partials:
+        """Partials at the ends of one state, with forces lam (rows,)."""
+        of, R, r, k = relative_motion(*at[:2], at.X, at.r), at.R, at.r, len(self._bounds)
+        J, s_q, s_v, v_q = of.J, of.s_q, of.s_v, of.velocity_q
+        f = np.zeros((k, self._p))
+        f.reshape(-1)[self._chosen] = self.signs[:, 0] * lam
+        f_q, W = np.zeros((k, 6, 6)), np.eye(6)
+        if self._weigh:
+            W, D, bend = weights_of(self._bounds, self._p, R, r, of.velocity)
+            by_s, by_rate = (_times(D, x[:, None]) for x in (of.velocity, of.s))
+            by_velocity = (of.velocity[:, None, None] @ D)[:, :, 0] + by_s
+            J, v_q = W @ of.J, W @ of.velocity_q + by_s @ of.J
+            s_q = W @ of.s_q + (by_rate + bend) @ of.J + by_velocity @ of.velocity_q
+            s_v = W @ of.s_v + by_velocity @ of.J
+            f_q = np.einsum("kr,krij->kji", f, D)
+            f = (f[:, None] @ W)[:, 0]
+        J, s_q, s_v, v_q = (
+            self.signs * x.reshape(-1, x.shape[2])[self._chosen] for x in (J, s_q, s_v, v_q)
+        )
+        if self._drift:
+            s_q += self._Kp * self._c_q(R, r, W, of.J) + self._Kd * v_q
+        # on body 1 at c1, and on body 2 in the axes of c2
+        RT, w1, w1_q, turned = R.swapaxes(1, 2), f.copy(), f_q.copy(), f_q.copy()
+        w1[:, 3:] += cross(r, f[:, :3])
+        w1_q[:, 3:] += skews(r) @ f_q[:, :3]
+        F, T = skews(f.reshape(2 * k, 3)).reshape(k, 2, 3, 3).swapaxes(0, 1)
+        w1_q[:, 3:, :3] += F
+        turned[:, :3, 3:] -= F
+        turned[:, 3:, 3:] -= T
+        w2_q = (RT[:, None] @ turned.reshape(k, 2, 3, 6)).reshape(k, 6, 6)
+        w2 = (f.reshape(k, 2, 3) @ R).reshape(k, 6)
+        return Partials(J, s_q, s_v, v_q, w1, w2, w1_q @ of.J, w2_q @ of.J)
+
+    def _c_q(self, R: Array, r: Array, W: Array, J: Array) -> Array:
+        """Partials of c (rows, nv)."""
+        W = np.broadcast_to(W, (len(self._bounds), self._p, 6))
+        C = np.stack([by_gap(b, *of) for b, *of in zip(self._bounds, R, r, W, strict=True)])
+        return np.asarray(self.signs * (C @ J).reshape(-1, J.shape[2])[self._chosen])
 
 
-def wrenches_of_relation(b: BoundRelation, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:
-    """Wrench at the origin of c1 in its axes, and the same for c2."""
-    R, r = c1Mc2.rotation, c1Mc2.translation
-    f = b.relation.weights(R, r).T @ lam
-    at_c2 = np.concatenate([R.T @ f[:3], R.T @ f[3:]])
-    return np.concatenate([f[:3], f[3:] + _skew(r) @ f[:3]]), at_c2
+def weights_of(
+    bounds: Sequence[Pair], p: int, R: Array, r: Array, velocity: Array
+) -> tuple[Array, Array, Array]:
+    """Weights W (k, p, 6), their rates D (k, p, 6, 6) by delta, and B(delta) s (k, p, 6)."""
+    k = len(bounds)
+    W, D, bend = np.zeros((k, p, 6)), np.zeros((k, p, 6, 6)), np.zeros((k, p, 6))
+    for i, b in enumerate(bounds):
+        if isinstance(b, BoundRelation):
+            of, rows, s = b.relation, slice(b.size), velocity[i]
+            W[i, rows] = of.weights(R[i], r[i])
+            for j, e in enumerate(np.eye(6)):
+                D[i, rows, j] = of.weights_rate(R[i], r[i], e)
+            bend[i, rows] = (of.weights_bend(R[i], r[i], s) @ s).T
+        elif b.is_rod:  # W = n, n' = -P s_lin
+            v, distance = velocity[i, :3], np.linalg.norm(r[i])
+            n = r[i] / distance
+            P = (np.eye(3) - np.outer(n, n)) / distance
+            W[i, 0, :3], D[i, 0, :3, :3] = n, -P
+            bend[i, 0, :3] = -(2 * (n @ v) * (P @ v) + (v @ P @ v) * n) / distance
+        else:
+            W[i, :6] = np.eye(6)
+            if b.is_about_c1:  # W = (1, r x; 0, 1)
+                W[i, :3, 3:], D[i, :3, :3, 3:] = _skew(r[i]), _SWEPT
+    return W, D, bend
 
 
-def _rates(b: BoundRelation, R: Array, r: Array) -> Array:
-    """Rates of W at each of the six unit velocities (6, rows, 6)."""
-    return np.array([b.relation.weights_rate(R, r, e) for e in np.eye(6)])
+_SWEPT: Final = -skews(np.eye(3)).swapaxes(0, 1)  # W' by each component of s_lin
 
 
-def _applied(D: Array, x: Array) -> Array:
-    """Matrix (rows, 6) of delta to D(delta) x."""
-    return np.asarray(np.einsum("irk,k->ri", D, x))
+def by_gap(b: Pair, R: Array, r: Array, W: Array) -> Array:
+    """Partials (rows, 6) of c by delta: W, but for angles of gaps.
+
+    With M = E1^-1 E2 and u = R e the axis of a hinge,
+
+        d(-log6 M) = Jlog6(M) R^T delta,   d(-log R) = Jlog(R) R^T delta_ang,   du = u x delta_ang.
+    """
+    if not b.anchored or isinstance(b, BoundRelation) or b.is_rod:
+        return b.anchored * W
+    C = W.copy()
+    if b.is_about_c1:
+        C[:6] = pin.Jlog6(pin.SE3(R, r)) @ np.kron(np.eye(2), R.T)
+    elif not b.is_hinge:
+        C[3:6, 3:] = pin.Jlog3(R) @ R.T
+    else:
+        e = np.eye(3)[b.axis]
+        u = R @ e
+        across, cosine = _skew(u) @ e, float(u @ e)
+        sine = float(np.linalg.norm(across))
+        angle = np.arctan2(sine, cosine)
+        scale = angle / sine if sine else 1.0
+        bend = 1 / 3 if angle < _STRAIGHT else (1 - angle * cosine / sine) / sine**2
+        C[3:6, 3:] = -(scale * _skew(e) + bend * np.outer(across, e)) @ _skew(u)
+    return C
+
+
+_STRAIGHT: Final = 1e-4  # [rad]; below, the series of (1 - angle cot(angle)) / sin^2 is exact
+
+
+def of_point(
+    b: Bound, one: End, two: End, c1Mc2: Any, lam: Array, drift: Baumgarte | None
+) -> Partials:
+    """Partials of a point, whose two forces act at both origins: they have no lever.
+
+    J v = v1 - R v2,    J a + gamma = a1 - R a2,    c = -r
+    """
+    R, r, f = c1Mc2.rotation, c1Mc2.translation, b.sign * lam
+    (_, a1_q, a1_v), (a2, a2_q, a2_v) = one.classical(), two.classical()
+    Ja = one.J[3:] - R @ two.J[3:]
+    J = one.J[:3] - R @ two.J[:3]
+    s_q = a1_q - _skew(R @ a2) @ Ja - R @ a2_q
+    v_q = one.v_q[:3] - _skew(R @ two.v[:3]) @ Ja - R @ two.v_q[:3]
+    if drift:
+        s_q = s_q + drift.Kp * b.anchored * (J - _skew(r) @ one.J[3:]) + drift.Kd * v_q
+    w1, w2, nothing = (np.concatenate((x, np.zeros(3))) for x in (f, R.T @ f, 0.0 * f))
+    w2_q = np.concatenate((-R.T @ _skew(f) @ Ja, np.zeros_like(Ja)))
+    rows = (b.sign * x for x in (J, s_q, a1_v - R @ a2_v, v_q))
+    return Partials(*rows, w1, w2, np.outer(nothing, nothing), w2_q)

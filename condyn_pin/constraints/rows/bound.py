@@ -437,6 +437,21 @@ class Bound(TwoFrameConstraint):
         return self.joint2 == 0 and (self.is_plain or not self.anchored)
 
     @property
+    def is_about_c1(self) -> bool:
+        """True for a frame, and an edge that belongs where it is: the origin of c1 is held."""
+        return self.selection == FRAME or self.is_held
+
+    @property
+    def is_cut(self) -> bool:
+        """True if the rows are some of the relative velocity at the origin of c2."""
+        return not (self.is_rod or self.is_point or self.is_about_c1)
+
+    @property
+    def of_six(self) -> tuple[int, ...]:
+        """Rows among six: a rod has the first."""
+        return self.selection or (0,)
+
+    @property
     def row_names(self) -> tuple[str, ...]:
         """Name of each row: the constraint's and the axis."""
         axes = [_AXES[i] for i in self.selection] or ["length"]

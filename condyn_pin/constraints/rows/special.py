@@ -89,6 +89,11 @@ class BoundRelation(TwoFrameConstraint):
         return tuple(f"{self.name}.{word}" for word in self.relation.row_words)
 
     @property
+    def of_six(self) -> range:
+        """Rows of W."""
+        return range(self.size)
+
+    @property
     def is_scalar(self) -> bool:
         """True: the force is recorded by its rows, as its direction turns with the state."""
         return True
