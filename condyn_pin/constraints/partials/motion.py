@@ -30,47 +30,95 @@ _skew = pin.skew
 Pair: TypeAlias = Bound | BoundRelation
 
 
-class RelativeMotion(NamedTuple):
-    """Velocities, their rates, and the partials of both, of k constraints."""
-
-    J: Array  # (k, 6, nv), of the velocity by v
-    s_q: Array  # (k, 6, nv), of its rate
-    s_v: Array
-    velocity: Array  # (k, 6)
-    velocity_q: Array
-    s: Array  # (k, 6), its rate
+# Where `Motion.by` has them: of a velocity by q and by v, of its rate by q and by v.
+V_Q, J_, A_Q, A_V = range(4)
 
 
-def relative_motion(one: End, two: End, X: Array, r: Array) -> RelativeMotion:
-    """Velocity of body 1 relative to body 2 at the origin of c2, in the axes of c1.
+class Motion(NamedTuple):
+    """Velocity, its rate, and the partials of both: of a frame in its own axes, or of many."""
 
-    From that at the origin of c1,
+    v: Array  # (6,)
+    a: Array  # (6,), spatial of a frame
+    by: Array  # (6, 4, nv)
 
-        u = v1 - X v2,    u' = a1 - X a2 + u x X v2,
+    @property
+    def v_q(self) -> Array:
+        """Partials (6, nv) of the velocity by q."""
+        return self.by[..., V_Q, :]
 
-    by r' = -s_lin:
+    @property
+    def J(self) -> Array:
+        """Partials (6, nv) of the velocity by v."""
+        return self.by[..., J_, :]
 
-        s = W u,    s' = W u' + W' u,    W = (1, -r x; 0, 1),    W' = (0, s_lin x; 0, 0).
+    @property
+    def a_q(self) -> Array:
+        """Partials (6, nv) of the rate by q."""
+        return self.by[..., A_Q, :]
+
+    @property
+    def a_v(self) -> Array:
+        """Partials (6, nv) of the rate by v."""
+        return self.by[..., A_V, :]
+
+    def mapped(self, X: Array) -> Motion:
+        """Motions X v of many, with constant matrices (k, 6, 6)."""
+        return Motion(_times(X, self.v), _times(X, self.a), _each(X, self.by))
+
+    def classical(self) -> tuple[Array, Array, Array]:
+        """Acceleration of the origin of one frame, and its partials by q and v."""
+        v, w = self.v[:3], self.v[3:]
+        W, V = _skew(w), _skew(v)
+        return (
+            self.a[:3] + W @ v,
+            self.a_q[:3] + W @ self.v_q[:3] - V @ self.v_q[3:],
+            self.a_v[:3] + W @ self.J[:3] - V @ self.J[3:],
+        )
+
+    def still(self) -> Motion:
+        """Frame that does not change by a twist of the other."""
+        return Motion(self.v, self.a, np.zeros((6, 4, 6)))
+
+    def by_twist(self) -> Motion:
+        """Frame with its partials by a twist of it on its body."""
+        by = spatial_cross(self.v), np.eye(6), spatial_cross(self.a), np.zeros((6, 6))
+        return Motion(self.v, self.a, np.stack(by, axis=1))
+
+
+def relative_motion(at: At, *, about_c1: bool) -> Motion:
+    """Motion of body 1 relative to body 2 in the axes of c1, at the origin of c2, or of c1.
+
+    As spatial motions, of frames that both bodies carry at the same place,
+
+        s = v1 - X v2,    s' = a1 - X a2 + s x X v2,
+
+    and as the origin of c2 moves on body 1, r' = -s_lin, there is s_lin x s_ang in s_lin' besides.
     """
-    X_J2, v2, a2 = X @ two.J, _times(X, two.v), _times(X, two.a)
-    J, u = one.J - X_J2, one.v - v2
-    by_v2, by_u = spatial_cross(v2), spatial_cross(u)
-    v2_q = by_v2 @ J + X @ two.v_q
-    u_q = one.v_q - v2_q
-    s_q = one.a_q - spatial_cross(a2) @ J - X @ two.a_q + by_u @ v2_q - by_v2 @ u_q
-    s_v = one.a_v - X @ two.a_v + by_u @ X_J2 - by_v2 @ J
-    rate = one.a - a2 + _times(by_u, v2)
-    W, turned, swept, by_rate = np.zeros((4, *X.shape))
-    W[:] = np.eye(6)
-    W[..., :3, 3:] = -skews(r)
-    velocity, J_c1, J = _times(W, u), J, W @ J
-    # D(delta) u = delta_lin x u_ang, and the same of u'
-    swept[..., :3, :3], by_rate[..., :3, :3] = -skews(u[..., 3:]), -skews(rate[..., 3:])
-    turned[..., :3, 3:] = skews(velocity[..., :3])  # W'
-    velocity_q = W @ u_q + swept @ J
-    s_q = W @ s_q + by_rate @ J + turned @ u_q + swept @ velocity_q
-    s_v = W @ s_v + turned @ J_c1 + swept @ J
-    return RelativeMotion(J, s_q, s_v, velocity, velocity_q, _times(W, rate) + _times(turned, u))
+    one, two, X = at.one, at.two, at.X
+    if not about_c1:
+        one, X = one.mapped(at.lever), at.turn
+    two = two.mapped(X)
+    velocity, by = one.v - two.v, one.by - two.by
+    by_v1, by_v2, by_s, by_a2 = spatial_cross(np.array((one.v, two.v, velocity, two.a)))
+    J = by[:, :, J_]
+    by[:, :, V_Q] -= by_v2 @ J
+    by[:, :, A_Q:] += _each(by_s, one.by[:, :, :A_Q]) - _each(by_v1, by[:, :, :A_Q])
+    by[:, :, A_Q] -= by_a2 @ J
+    rate = one.a - two.a + _times(by_s, two.v)
+    if not about_c1:
+        p, w = skews(velocity.reshape(-1, 2, 3)).swapaxes(0, 1)
+        lin, J = by[:, :3], J[:, :3]
+        lin[:, :, V_Q] -= w @ J
+        lin[:, :, A_Q:] += _each(p, by[:, 3:, :A_Q]) - _each(w, lin[:, :, :A_Q])
+        lin[:, :, A_Q] -= skews(rate[:, 3:]) @ J
+        rate[:, :3] += cross(velocity[:, :3], velocity[:, 3:])
+    return Motion(velocity, rate, by)
+
+
+def _each(A: Array, by: Array) -> Array:
+    """Products of matrices (k, i, j) with partials (k, j, s, nv)."""
+    k, j, *rest = by.shape
+    return np.asarray((A @ by.reshape(k, j, -1)).reshape(k, -1, *rest))
 
 
 def _times(A: Array, x: Array) -> Array:
@@ -102,17 +150,38 @@ _SPATIAL: Final = np.array([pin.Motion(e).action.ravel() for e in np.eye(6)])
 class At(NamedTuple):
     """Ends of k constraints at one state."""
 
-    one: End
-    two: End
-    X: Array  # (k, 6, 6), motions in the axes of c2 to those of c1
+    one: Motion
+    two: Motion
     R: Array  # (k, 3, 3), c1Mc2
     r: Array  # (k, 3)
 
     @classmethod
-    def single(cls, one: End, two: End, c1Mc2: Any) -> At:
+    def single(cls, one: Motion, two: Motion, c1Mc2: Any) -> At:
         """Ends of one constraint."""
-        X, R, r = c1Mc2.toActionMatrix(), c1Mc2.rotation, c1Mc2.translation
-        return cls(one.stacked(), two.stacked(), X[None], R[None], r[None])
+        ends = (Motion(*(part[None] for part in end)) for end in (one, two))
+        return cls(*ends, c1Mc2.rotation[None], c1Mc2.translation[None])
+
+    @property
+    def turn(self) -> Array:
+        """Matrices (k, 6, 6) from the axes of c2 to those of c1."""
+        turn = np.zeros((len(self.R), 6, 6))
+        turn[:, :3, :3] = turn[:, 3:, 3:] = self.R
+        return turn
+
+    @property
+    def X(self) -> Array:
+        """Matrices (k, 6, 6) of motions in c2 to those in c1."""
+        X = self.turn
+        X[:, :3, 3:] = skews(self.r) @ self.R
+        return X
+
+    @property
+    def lever(self) -> Array:
+        """Matrices (k, 6, 6) of motions at the origin of c1 to those at that of c2."""
+        lever = np.zeros((len(self.R), 6, 6))
+        lever[:] = np.eye(6)
+        lever[:, :3, 3:] = -skews(self.r)
+        return lever
 
 
 class EndPartials:
@@ -147,58 +216,9 @@ class EndPartials:
         turned = spatial_cross(v) @ parts[:, :, :2].reshape(-1, 6, 2 * n)
         parts[:, :, 2:] -= turned.reshape(-1, 6, 2, n)
         k = len(X) // 2
-        one, two = (
-            End(v[half], a[half], v_q=of[:, :, 0], a_q=of[:, :, 2], a_v=of[:, :, 3], J=of[:, :, 1])
-            for half, of in ((slice(k), parts[:k]), (slice(k, None), parts[k:]))
-        )
         R = axes[:k] @ axes[k:].swapaxes(1, 2)
         r = (axes[:k] @ (E[k:, 3] - E[:k, 3])[:, :, None])[:, :, 0]
-        between = np.zeros((k, 6, 6))
-        between[:, :3, :3] = between[:, 3:, 3:] = R
-        between[:, :3, 3:] = skews(r) @ R
-        return At(one, two, between, R, r)
-
-
-# How the rows of one constraint change with q and v, at fixed accelerations and forces.
-#
-# The rows themselves are in `condyn_pin.constraints.rows.frames`, and how relative
-# velocities change is above; the rest follows by the product rule. A force
-# that is fixed in c1 turns in c2: its wrench on body 2 changes too, and that on body 1 where its
-# lever does.
-
-
-class End(NamedTuple):
-    """One end of a constraint: a frame on a joint, everything in its own axes; or many of them."""
-
-    v: Array  # (6,)
-    a: Array  # (6,), spatial
-    v_q: Array  # (6, nv)
-    a_q: Array
-    a_v: Array
-    J: Array
-
-    def classical(self) -> tuple[Array, Array, Array]:
-        """Acceleration of the origin, and its partials by q and v."""
-        v, w = self.v[:3], self.v[3:]
-        W, V = _skew(w), _skew(v)
-        return (
-            self.a[:3] + W @ v,
-            self.a_q[:3] + W @ self.v_q[:3] - V @ self.v_q[3:],
-            self.a_v[:3] + W @ self.J[:3] - V @ self.J[3:],
-        )
-
-    def stacked(self) -> End:
-        """One end as many."""
-        return End(*(part[None] for part in self))
-
-    def still(self) -> End:
-        """End that does not change by a twist of the other."""
-        return End(self.v, self.a, *np.zeros((4, 6, 6)))
-
-    def by_twist(self) -> End:
-        """End with its partials by a twist of the frame on its body."""
-        turning = spatial_cross(self.v), spatial_cross(self.a)
-        return End(self.v, self.a, *turning, np.zeros((6, 6)), np.eye(6))
+        return At(Motion(v[:k], a[:k], parts[:k]), Motion(v[k:], a[k:], parts[k:]), R, r)
 
 
 class Frames:
@@ -206,7 +226,7 @@ class Frames:
 
     def __init__(self, model: Any, data: Any) -> None:
         self._model, self.data = model, data
-        self._world = End(*np.zeros((2, 6)), *np.zeros((4, 6, model.nv)))
+        self._world = Motion(*np.zeros((2, 6)), np.zeros((6, 4, model.nv)))
 
     @property
     def nv(self) -> int:
@@ -221,36 +241,40 @@ class Frames:
             moved[at : at + self._model.nvs[above]] = 1.0
         return moved
 
-    def ends(self, b: Pair) -> tuple[End, End, Any]:
+    def ends(self, b: Pair) -> tuple[Motion, Motion, Any]:
         """Ends c1 and c2, and their relative placement c1Mc2."""
         c1, c2 = b.ends(self.data.oMi)
         one, two = self.end(b.joint1, b.placement1), self.end(b.joint2, b.placement2)
         return one, two, c1.actInv(c2)
 
-    def end(self, joint: int, placement: Any) -> End:
+    def end(self, joint: int, placement: Any) -> Motion:
         """Frame on a joint as the end of a constraint."""
         if joint == 0:
             return self._world
         v, a = placement.actInv(self.data.v[joint]), placement.actInv(self.data.a[joint])
-        return End(v.vector, a.vector, *self.partials(joint, placement))
+        return Motion(v.vector, a.vector, self.partials(joint, placement))
 
-    def partials(self, joint: int, placement: Any) -> tuple[Array, Array, Array, Array]:
-        """Partials v_q, a_q, a_v and J of a frame on a joint."""
-        found: tuple[Array, Array, Array, Array] = pin.getFrameAccelerationDerivatives(
+    def partials(self, joint: int, placement: Any) -> Array:
+        """Partials (6, 4, nv) of the motion of a frame on a joint."""
+        v_q, a_q, a_v, J = pin.getFrameAccelerationDerivatives(
             self._model, self.data, joint, placement, LOCAL
         )
-        if self._model.nv > 1:
-            return found
-        v_q, a_q, a_v, J = (part.reshape(6, 1) for part in found)  # Pinocchio gives vectors
-        return v_q, a_q, a_v, J
+        # of a single coordinate Pinocchio gives vectors
+        return np.concatenate((v_q, J, a_q, a_v), axis=-1).reshape(6, 4, -1)
+
+
+def dual_crosses(wrenches: Array) -> Array:
+    """Matrices D (k, 6, 6) with D x = x x* wrench, for a spatial motion x."""
+    D = np.zeros((len(wrenches), 6, 6))
+    F, T = skews(-wrenches.reshape(-1, 2, 3)).swapaxes(0, 1)
+    D[:, :3, 3:] = D[:, 3:, :3] = F
+    D[:, 3:, 3:] = T
+    return D
 
 
 def dual_cross(wrench: Array) -> Array:
-    """Matrix D with D x = x x* wrench, for a spatial motion x."""
-    D, F = np.zeros((6, 6)), _skew(-wrench[:3])
-    D[:3, 3:] = D[3:, :3] = F
-    D[3:, 3:] = _skew(-wrench[3:])
-    return D
+    """Matrix D of one wrench."""
+    return np.asarray(dual_crosses(wrench[None])[0])
 
 
 # How the rows of every kind change with q and v, at fixed accelerations and forces.
@@ -269,10 +293,7 @@ def dual_cross(wrench: Array) -> Array:
 class Partials(NamedTuple):
     """Partial derivatives of the rows of some constraints, and of their k wrenches."""
 
-    J: Array  # (rows, nv)
-    s_q: Array  # (rows, nv), of J a + gamma, and of what pulls the rows back
-    s_v: Array  # (rows, nv), of J a + gamma
-    v_q: Array  # (rows, nv), of J v
+    by: Array  # (rows, 4, nv): of J v, and of J a + gamma with what pulls the rows back
     w1: Array  # (k, 6), wrench on body 1 at the origin of c1, in its axes
     w2: Array  # (k, 6), the opposite of that on body 2, at c2
     w1_q: Array  # (k, 6, nv)
@@ -291,48 +312,46 @@ class Kinds:
         self.rows = rows_of(bounds)
         self._chosen = np.array([p * i + j for i, b in enumerate(bounds) for j in b.of_six])
         self.signs = np.concatenate([np.full((b.size, 1), b.sign) for b in bounds])
-        # those of cut joints are rows of s
-        self._weigh = not all(isinstance(b, Bound) and b.is_cut for b in bounds)
+        # rows of the motion at the origin of c1, of c2, or weighed ones of the latter
+        self._about_c1 = all(isinstance(b, Bound) and b.is_about_c1 for b in bounds)
+        are_cut = all(isinstance(b, Bound) and b.is_cut for b in bounds)
+        self._weigh = not (self._about_c1 or are_cut)
         if drift:
             self._Kp, self._Kd = (each[:, None] for each in gains(bounds, drift))
 
     def at(self, at: At, lam: Array) -> Partials:
         """Partials at the ends of one state, with forces lam (rows,)."""
-        of, R, r, k = relative_motion(*at[:2], at.X, at.r), at.R, at.r, len(self._bounds)
-        J, s_q, s_v, v_q = of.J, of.s_q, of.s_v, of.velocity_q
-        f = np.zeros((k, self._p))
+        of, k, p = relative_motion(at, about_c1=self._about_c1), len(self._bounds), self._p
+        rows, J, W, f_q = of.by, of.J, np.eye(6), np.zeros((k, 6, 6))
+        f = np.zeros((k, p))
         f.reshape(-1)[self._chosen] = self.signs[:, 0] * lam
-        f_q, W = np.zeros((k, 6, 6)), np.eye(6)
         if self._weigh:
-            W, D, bend = weights_of(self._bounds, self._p, R, r, of.velocity)
-            by_s, by_rate = (_times(D, x[:, None]) for x in (of.velocity, of.s))
-            by_velocity = (of.velocity[:, None, None] @ D)[:, :, 0] + by_s
-            J, v_q = W @ of.J, W @ of.velocity_q + by_s @ of.J
-            s_q = W @ of.s_q + (by_rate + bend) @ of.J + by_velocity @ of.velocity_q
-            s_v = W @ of.s_v + by_velocity @ of.J
-            f_q = np.einsum("kr,krij->kji", f, D)
+            W, D, bend = weights_of(self._bounds, p, at.R, at.r, of.v)
+            by_s, by_rate = _times(D, of.v[:, None]), _times(D, of.a[:, None])
+            rows = _each(W, of.by)
+            rows[:, :, V_Q] += by_s @ J
+            rows[:, :, A_Q:] += _each((of.v[:, None, None] @ D)[:, :, 0] + by_s, of.by[:, :, :A_Q])
+            rows[:, :, A_Q] += (by_rate + bend) @ J
+            f_q = (f[:, None] @ D.reshape(k, p, 36)).reshape(k, 6, 6).swapaxes(1, 2)
             f = (f[:, None] @ W)[:, 0]
-        J, s_q, s_v, v_q = (
-            self.signs * x.reshape(-1, x.shape[2])[self._chosen] for x in (J, s_q, s_v, v_q)
-        )
+        rows = self.signs[:, :, None] * rows.reshape(k * p, 4, -1)[self._chosen]
         if self._drift:
-            s_q += self._Kp * self._c_q(R, r, W, of.J) + self._Kd * v_q
-        # on body 1 at c1, and on body 2 in the axes of c2
-        RT, w1, w1_q, turned = R.swapaxes(1, 2), f.copy(), f_q.copy(), f_q.copy()
-        w1[:, 3:] += cross(r, f[:, :3])
-        w1_q[:, 3:] += skews(r) @ f_q[:, :3]
-        F, T = skews(f.reshape(2 * k, 3)).reshape(k, 2, 3, 3).swapaxes(0, 1)
-        w1_q[:, 3:, :3] += F
-        turned[:, :3, 3:] -= F
-        turned[:, 3:, 3:] -= T
-        w2_q = (RT[:, None] @ turned.reshape(k, 2, 3, 6)).reshape(k, 6, 6)
-        w2 = (f.reshape(k, 2, 3) @ R).reshape(k, 6)
-        return Partials(J, s_q, s_v, v_q, w1, w2, w1_q @ of.J, w2_q @ of.J)
+            rows[:, A_Q] += self._Kp * self._c_q(at, W, J) + self._Kd * rows[:, V_Q]
+        turned, w1_q = dual_crosses(f), np.zeros((k, 6, 6))
+        if self._about_c1:
+            w1, XT = f, at.X.swapaxes(1, 2)
+        else:  # the lever of body 1 changes, not that of body 2
+            w1_q[:, 3:, :3], turned[:, 3:, :3] = -turned[:, 3:, :3], 0.0
+            leverT, XT = at.lever.swapaxes(1, 2), at.turn.swapaxes(1, 2)
+            w1, w1_q, turned = _times(leverT, f), w1_q + leverT @ f_q, turned + f_q
+        return Partials(rows, w1, _times(XT, f), w1_q @ J, XT @ turned @ J)
 
-    def _c_q(self, R: Array, r: Array, W: Array, J: Array) -> Array:
+    def _c_q(self, at: At, W: Array, J: Array) -> Array:
         """Partials of c (rows, nv)."""
         W = np.broadcast_to(W, (len(self._bounds), self._p, 6))
-        C = np.stack([by_gap(b, *of) for b, *of in zip(self._bounds, R, r, W, strict=True)])
+        C = np.stack([by_gap(*each) for each in zip(self._bounds, at.R, at.r, W, strict=True)])
+        if self._about_c1:
+            C = C @ at.lever
         return np.asarray(self.signs * (C @ J).reshape(-1, J.shape[2])[self._chosen])
 
 
@@ -395,7 +414,7 @@ _STRAIGHT: Final = 1e-4  # [rad]; below, the series of (1 - angle cot(angle)) / 
 
 
 def of_point(
-    b: Bound, one: End, two: End, c1Mc2: Any, lam: Array, drift: Baumgarte | None
+    b: Bound, one: Motion, two: Motion, c1Mc2: Any, lam: Array, drift: Baumgarte | None
 ) -> Partials:
     """Partials of a point, whose two forces act at both origins: they have no lever.
 
@@ -411,5 +430,5 @@ def of_point(
         s_q = s_q + drift.Kp * b.anchored * (J - _skew(r) @ one.J[3:]) + drift.Kd * v_q
     w1, w2, nothing = (np.concatenate((x, np.zeros(3))) for x in (f, R.T @ f, 0.0 * f))
     w2_q = np.concatenate((-R.T @ _skew(f) @ Ja, np.zeros_like(Ja)))
-    rows = (b.sign * x for x in (J, s_q, a1_v - R @ a2_v, v_q))
-    return Partials(*rows, w1, w2, np.outer(nothing, nothing), w2_q)
+    rows = b.sign * np.stack((v_q, J, s_q, a1_v - R @ a2_v), axis=1)
+    return Partials(rows, w1, w2, np.outer(nothing, nothing), w2_q)

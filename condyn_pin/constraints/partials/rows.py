@@ -19,11 +19,14 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.drift import Baumgarte, gains
 from condyn_pin.constraints.partials.motion import (
+    A_Q,
+    J_,
+    V_Q,
     At,
-    End,
     EndPartials,
     Frames,
     Kinds,
+    Motion,
     Pair,
     dual_cross,
     of_point,
@@ -141,34 +144,42 @@ class PairPartials:
         self.k = len(pairs)
         # rows of one end; what pulls them back has two
         self._held = [b for b in pairs if not drift and isinstance(b, Bound) and b.is_held]
-        between = [b for b in pairs if b not in self._held]
+        self._between = between = [b for b in pairs if b not in self._held]
         self._kinds = Kinds(between, drift) if between else None
-        self._ends = EndPartials(frames, between) if between else None
+        # a single one is quicker by itself
+        self._ends = EndPartials(frames, between) if len(between) > 1 else None
 
     def write(self, lam: Array, pulls: Array, by_state: Array, J: Array) -> None:
         """Write J (m, nv) and by_state, -[s_q, s_v]; add the turning of J^T lam to pulls, -r_q."""
-        n = J.shape[1]
+        size, n = J.shape
         for b in self._held:
-            _, a_q, a_v, J1 = (part[list(b.selection)] for part in self._partials(b))
-            J[b.rows], by_state[b.rows, :n], by_state[b.rows, n:] = J1, -a_q, -a_v
-        if self._kinds and self._ends:
-            at, rows = self._ends.evaluate(), self._kinds.rows
+            by = self._of_held(b)
+            J[b.rows] = by[:, J_]
+            np.negative(by[:, A_Q:], out=by_state[b.rows].reshape(-1, 2, n))
+        if self._kinds:
+            at, rows = self._at(), self._kinds.rows
             of = self._kinds.at(at, lam[rows])
-            J[rows], by_state[rows, :n], by_state[rows, n:] = of.J, -of.s_q, -of.s_v
+            J[rows], by_state.reshape(size, 2, n)[rows] = of.by[:, J_], -of.by[:, A_Q:]
             pulls += at.one.J.reshape(-1, n).T @ of.w1_q.reshape(-1, n)
             pulls -= at.two.J.reshape(-1, n).T @ of.w2_q.reshape(-1, n)
 
     def turning(self, out: Array) -> None:
         """Write the partials (m, nv) of J v by q."""
         for b in self._held:
-            v_q, *_ = self._partials(b)
-            out[b.rows] = v_q[list(b.selection)]
-        if self._kinds and self._ends:
-            rows = self._kinds.rows
-            out[rows] = self._kinds.at(self._ends.evaluate(), np.zeros(len(self._kinds.signs))).v_q
+            out[b.rows] = self._of_held(b)[:, V_Q]
+        if self._kinds:
+            forces = np.zeros(len(self._kinds.signs))
+            out[self._kinds.rows] = self._kinds.at(self._at(), forces).by[:, V_Q]
 
-    def _partials(self, b: Pair) -> tuple[Array, Array, Array, Array]:
-        return self._frames.partials(b.joint1, b.placement1)
+    def _of_held(self, b: Bound) -> Array:
+        by = self._frames.partials(b.joint1, b.placement1)
+        return by if b.size == 6 else by[list(b.selection)]
+
+    def _at(self) -> At:
+        """Ends of those between two frames."""
+        return (
+            self._ends.evaluate() if self._ends else At.single(*self._frames.ends(*self._between))
+        )
 
     def by_frame(self, b: Pair, lam: Array, end: int) -> tuple[Array, Array]:
         """Partials r (nv, 6) and s (rows, 6) by a twist of c1 or c2, of a ball too."""
@@ -186,7 +197,7 @@ class PairPartials:
             w1 = w1 + dual_cross(of.w1.reshape(6))
         else:
             w2 = w2 + dual_cross(of.w2.reshape(6))
-        return two.J.T @ w2 - one.J.T @ w1, of.s_q
+        return two.J.T @ w2 - one.J.T @ w1, of.by[:, A_Q]
 
 
 # How the rows of all points change with q and v, at fixed accelerations.
@@ -416,7 +427,7 @@ class RollingPartials:
         of = self._rows(b, one.by_twist(), lam)
         return -one.J.T @ (of.wrench_q + dual_cross(self._wrench(b, lam))), of.s_q
 
-    def _rows(self, b: BoundRolling, one: End, lam: Array) -> Rows:
+    def _rows(self, b: BoundRolling, one: Motion, lam: Array) -> Rows:
         """Partials of one constraint; s_q includes the drift control."""
         touch = self._touch(b, one)
         of = rows_of_touch(touch, lam)
@@ -429,7 +440,7 @@ class RollingPartials:
             of = of._replace(s_q=of.s_q + drift.Kp * c_q + drift.Kd * v_q)
         return of
 
-    def _touch(self, b: BoundRolling, one: End) -> Touch:
+    def _touch(self, b: BoundRolling, one: Motion) -> Touch:
         R = (self._frames.data.oMi[b.joint1] * b.placement1).rotation.T @ b.placement2.rotation
         return touch_of(b, one, R)
 
@@ -497,7 +508,7 @@ class Rows(NamedTuple):
     wrench_q: Array  # (6, nv)
 
 
-def touch_of(b: BoundRolling, one: End, R: Array) -> Touch:
+def touch_of(b: BoundRolling, one: Motion, R: Array) -> Touch:
     """Contact point of a rolling constraint; R turns vectors of the plane into the body's axes."""
     n = _fixed_in_world(one, R[:, 2])
     if b.axle is None:
@@ -538,7 +549,7 @@ def v_q_of_touch(of: Touch) -> Array:
     return np.array([t.x @ of.slip_q + of.slip @ t.x_q for t in of.axes])
 
 
-def _fixed_in_world(one: End, x: Array) -> Vector:
+def _fixed_in_world(one: Motion, x: Array) -> Vector:
     X, w = _skew(x), one.v[3:]
     x_q = X @ one.J[3:]
     return Vector(x, x_q, X @ w, X @ one.v_q[3:] - _skew(w) @ x_q)
