@@ -160,7 +160,8 @@ class PairPartials:
             at, rows = self._at(), self._kinds.rows
             of = self._kinds.at(at, lam[rows])
             J[rows], by_state.reshape(size, 2, n)[rows] = of.by[:, J_], -of.by[:, A_Q:]
-            pulls += at.one.J.reshape(-1, n).T @ of.w1_q.reshape(-1, n)
+            if of.w1_q is not None:
+                pulls += at.one.J.reshape(-1, n).T @ of.w1_q.reshape(-1, n)
             pulls -= at.two.J.reshape(-1, n).T @ of.w2_q.reshape(-1, n)
 
     def turning(self, out: Array) -> None:
@@ -192,11 +193,12 @@ class PairPartials:
         else:
             at = At.single(moving1, moving2, c1Mc2)
             of = Kinds([b], self._drift).at(at, lam)
-        w1, w2 = of.w1_q.reshape(6, 6), of.w2_q.reshape(6, 6)
+        w1 = np.zeros((6, 6)) if of.w1_q is None else of.w1_q.reshape(6, 6)
+        w2, f = of.w2_q.reshape(6, 6), of.f.reshape(6)
         if end == 1:
-            w1 = w1 + dual_cross(of.w1.reshape(6))
+            w1 = w1 + dual_cross(of.to1.reshape(6, 6) @ f)
         else:
-            w2 = w2 + dual_cross(of.w2.reshape(6))
+            w2 = w2 + dual_cross(of.to2.reshape(6, 6) @ f)
         return two.J.T @ w2 - one.J.T @ w1, of.by[:, A_Q]
 
 
