@@ -125,7 +125,7 @@ def _each(A: Array, by: Array) -> Array:
 
 def _times(A: Array, x: Array) -> Array:
     """Products A x, of one vector or of many."""
-    return np.asarray(np.einsum("...ij,...j->...i", A, x))  # for small ones in half the time of @
+    return np.asarray((A @ x[..., None])[..., 0])
 
 
 def spatial_cross(x: Array) -> Array:
