@@ -20,8 +20,8 @@ import numpy as np
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte, gains
-from condyn_pin.constraints.rows.bound import Bound, TwoFrameConstraint
-from condyn_pin.constraints.rows.frames import Ends, Joints, cross, rows_of
+from condyn_pin.constraints.rows.bound import Bound, TwoFrameConstraint, length
+from condyn_pin.constraints.rows.frames import Ends, Joints, rows_of
 from condyn_pin.constraints.rows.special import BoundRelation, skews
 
 _skew = pin.skew
@@ -100,21 +100,21 @@ def relative_motion(one: Motion, two: Motion, X: Array, lever: Array | None) -> 
     if lever is not None:
         one = one.mapped(lever)
     two = two.mapped(X)
-    velocity, by = one.v - two.v, one.by - two.by
-    by_v1, by_v2, by_s, by_a2 = spatial_cross(np.array((one.v, two.v, velocity, two.a)))
-    J = by[:, :, J_]
-    by[:, :, V_Q] -= by_v2 @ J
+    s, by = one.v - two.v, one.by - two.by
+    turns = spatial_cross(np.array((two.v, two.a, s, one.v)))
+    by_J, by_s, by_v1 = turns[:2].swapaxes(0, 1), turns[2], turns[3]
+    J = by[:, None, :, J_]
+    by[:, :, ::A_Q] -= (by_J @ J).swapaxes(1, 2)
     by[:, :, A_Q:] += _each(by_s, one.by[:, :, :A_Q]) - _each(by_v1, by[:, :, :A_Q])
-    by[:, :, A_Q] -= by_a2 @ J
     rate = one.a - two.a + _times(by_s, two.v)
     if lever is not None:
-        p, w = skews(velocity.reshape(-1, 2, 3)).swapaxes(0, 1)
-        lin, J = by[:, :3], J[:, :3]
-        lin[:, :, V_Q] -= w @ J
-        lin[:, :, A_Q:] += _each(p, by[:, 3:, :A_Q]) - _each(w, lin[:, :, :A_Q])
-        lin[:, :, A_Q] -= skews(rate[:, 3:]) @ J
-        rate[:, :3] += cross(velocity[:, :3], velocity[:, 3:])
-    return Motion(velocity, rate, by)
+        lin, p, w = by[:, :3], s[:, :3], s[:, 3:]
+        by_p, by_w, by_alpha = skews(np.array((p, w, rate[:, 3:])))
+        by_J = np.stack((by_w, by_alpha), axis=1)
+        lin[:, :, ::A_Q] -= (by_J @ J[:, :, :3]).swapaxes(1, 2)
+        lin[:, :, A_Q:] += _each(by_p, by[:, 3:, :A_Q]) - _each(by_w, lin[:, :, :A_Q])
+        rate[:, :3] += _times(by_p, w)
+    return Motion(s, rate, by)
 
 
 def _each(A: Array, by: Array) -> Array:
@@ -380,11 +380,12 @@ def weights_of(
                 D[i, rows, j] = of.weights_rate(R[i], r[i], e)
             bend[i, rows] = (of.weights_bend(R[i], r[i], s) @ s).T
         elif b.is_rod:  # W = n, n' = -P s_lin
-            v, distance = velocity[i, :3], np.linalg.norm(r[i])
+            v, distance = velocity[i, :3], length(r[i])
             n = r[i] / distance
-            P = (np.eye(3) - np.outer(n, n)) / distance
+            P = (_ONE[:3, :3] - n[:, None] * n) / distance
             W[i, 0, :3], D[i, 0, :3, :3] = n, -P
-            bend[i, 0, :3] = -(2 * (n @ v) * (P @ v) + (v @ P @ v) * n) / distance
+            Pv = P @ v
+            bend[i, 0, :3] = (2 * (n @ v) * Pv + (v @ Pv) * n) / -distance
         else:
             W[i, :6] = np.eye(6)
             if b.is_about_c1:  # W = (1, r x; 0, 1)
