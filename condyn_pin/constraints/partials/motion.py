@@ -21,7 +21,7 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte, gains
 from condyn_pin.constraints.rows.bound import Bound, TwoFrameConstraint, length
-from condyn_pin.constraints.rows.frames import Ends, Joints, rows_of
+from condyn_pin.constraints.rows.frames import Ends, Joints, indices, rows_of
 from condyn_pin.constraints.rows.special import BoundRelation, skews
 
 _skew = pin.skew
@@ -160,8 +160,8 @@ class At(NamedTuple):
     @classmethod
     def single(cls, one: Motion, two: Motion, c1Mc2: Any) -> At:
         """Ends of one constraint."""
-        ends = (Motion(*(part[None] for part in end)) for end in (one, two))
-        return cls(*ends, c1Mc2.rotation[None], c1Mc2.translation[None])
+        many1, many2 = (Motion(end.v[None], end.a[None], end.by[None]) for end in (one, two))
+        return cls(many1, many2, c1Mc2.rotation[None], c1Mc2.translation[None])
 
     @property
     def turn(self) -> Array:
@@ -309,14 +309,15 @@ _ONE: Final = np.eye(6)
 class Kinds:
     """Constraints between two frames, with their weights.
 
-    Each has p rows here, six or more, of which `chosen` are those that it has.
+    Each has p rows here, of which `chosen` are those that it has.
     """
 
     def __init__(self, bounds: Sequence[Pair], drift: Baumgarte | None) -> None:
         self._bounds, self._drift = bounds, drift
-        self._p = p = max(6, *(b.size for b in bounds))
+        of_six = (isinstance(b, Bound) and not b.is_rod for b in bounds)
+        self._p = p = max(6 if six else b.size for b, six in zip(bounds, of_six, strict=True))
         self.rows = rows_of(bounds)
-        self._chosen = np.array([p * i + j for i, b in enumerate(bounds) for j in b.of_six])
+        self._chosen = indices([p * i + j for i, b in enumerate(bounds) for j in b.of_six])
         self.signs = np.concatenate([np.full((b.size, 1), b.sign) for b in bounds])
         # rows of the motion at the origin of c1, of c2, or weighed ones of the latter
         self._about_c1 = all(isinstance(b, Bound) and b.is_about_c1 for b in bounds)
@@ -344,7 +345,7 @@ class Kinds:
             f = (f[:, None] @ W)[:, 0]
         rows = rows.reshape(k * p, 4, -1)[self._chosen]
         if self._signed:
-            rows *= self.signs[:, :, None]
+            rows = rows * self.signs[:, :, None]
         if self._drift:
             rows[:, A_Q] += self._Kp * self._c_q(at, W, J) + self._Kd * rows[:, V_Q]
         turned, XT = dual_crosses(f), X.swapaxes(1, 2)

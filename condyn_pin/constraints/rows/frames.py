@@ -151,12 +151,13 @@ class WorldContacts:
 
 
 def rows_of(bounds: Sequence[BoundConstraint]) -> NDArray[np.int_] | slice:
-    """Row numbers of some constraints, one after the other; a slice if they are consecutive.
-
-    A slice is written to in a third of the time.
-    """
+    """Row numbers of some constraints, one after the other; a slice if they are consecutive."""
     ranges = [range(b.rows.start, b.rows.stop) for b in bounds]
-    numbers = [row for rows in ranges for row in rows]
+    return indices([row for rows in ranges for row in rows])
+
+
+def indices(numbers: list[int]) -> NDArray[np.int_] | slice:
+    """Numbers as an index; a slice, which is written to in a third of the time, if consecutive."""
     if numbers and numbers == list(range(numbers[0], numbers[-1] + 1)):
         return slice(numbers[0], numbers[-1] + 1)
     return np.array(numbers, dtype=np.int_)
