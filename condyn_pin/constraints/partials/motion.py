@@ -154,6 +154,7 @@ class At(NamedTuple):
 
     one: Motion
     two: Motion
+    X: Array  # (k, 6, 6), motions in c2 to those in c1
     R: Array  # (k, 3, 3), c1Mc2
     r: Array  # (k, 3)
 
@@ -161,21 +162,15 @@ class At(NamedTuple):
     def single(cls, one: Motion, two: Motion, c1Mc2: Any) -> At:
         """Ends of one constraint."""
         many1, many2 = (Motion(end.v[None], end.a[None], end.by[None]) for end in (one, two))
-        return cls(many1, many2, c1Mc2.rotation[None], c1Mc2.translation[None])
+        X, R, r = c1Mc2.toActionMatrix(), c1Mc2.rotation, c1Mc2.translation
+        return cls(many1, many2, X[None], R[None], r[None])
 
     @property
     def turn(self) -> Array:
         """Matrices (k, 6, 6) from the axes of c2 to those of c1."""
-        turn = np.zeros((len(self.R), 6, 6))
-        turn[:, :3, :3] = turn[:, 3:, 3:] = self.R
+        turn = self.X.copy()
+        turn[:, :3, 3:] = 0.0
         return turn
-
-    @property
-    def X(self) -> Array:
-        """Matrices (k, 6, 6) of motions in c2 to those in c1."""
-        X = self.turn
-        X[:, :3, 3:] = skews(self.r) @ self.R
-        return X
 
     @property
     def lever(self) -> Array:
@@ -220,7 +215,10 @@ class EndPartials:
         k = len(X) // 2
         R = axes[:k] @ axes[k:].swapaxes(1, 2)
         r = (axes[:k] @ (E[k:, 3] - E[:k, 3])[:, :, None])[:, :, 0]
-        return At(Motion(v[:k], a[:k], parts[:k]), Motion(v[k:], a[k:], parts[k:]), R, r)
+        between = np.zeros((k, 6, 6))
+        between[:, :3, :3] = between[:, 3:, 3:] = R
+        between[:, :3, 3:] = skews(r) @ R
+        return At(Motion(v[:k], a[:k], parts[:k]), Motion(v[k:], a[k:], parts[k:]), between, R, r)
 
 
 class Frames:
@@ -336,11 +334,12 @@ class Kinds:
         f.reshape(-1)[self._chosen] = self.signs[:, 0] * lam
         if self._weigh:
             W, D, bend = weights_of(self._bounds, p, at.R, at.r, of.v)
-            by_s, by_rate = _times(D, np.array((of.v, of.a))[:, :, None])
+            by_delta = _times(D, np.array((of.v, of.a))[:, :, None])  # D(delta) s, D(delta) s'
+            D_s = (of.v[:, None, None] @ D)[:, :, 0] + by_delta[0]
+            by_delta[1] += bend
             rows = _each(W, of.by)
-            rows[:, :, V_Q] += by_s @ J
-            rows[:, :, A_Q:] += _each((of.v[:, None, None] @ D)[:, :, 0] + by_s, of.by[:, :, :A_Q])
-            rows[:, :, A_Q] += (by_rate + bend) @ J
+            rows[:, :, ::A_Q] += (by_delta @ J).transpose(1, 2, 0, 3)
+            rows[:, :, A_Q:] += _each(D_s, of.by[:, :, :A_Q])
             f_q = (f[:, None] @ D.reshape(k, p, 36)).reshape(k, 6, 6).swapaxes(1, 2)
             f = (f[:, None] @ W)[:, 0]
         rows = rows.reshape(k * p, 4, -1)[self._chosen]

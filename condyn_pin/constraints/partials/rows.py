@@ -173,8 +173,11 @@ class PairPartials:
             out[self._kinds.rows] = self._kinds.at(self._at(), forces).by[:, V_Q]
 
     def _of_held(self, b: Bound) -> Array:
+        """Partials (rows, 4, nv) of a frame's own velocity."""
         by = self._frames.partials(b.joint1, b.placement1)
-        return by if b.size == 6 else by[list(b.selection)]
+        if b.size < 6:
+            by = by[list(b.selection)]
+        return by if b.sign > 0 else -by
 
     def _at(self) -> At:
         """Ends of those between two frames."""
