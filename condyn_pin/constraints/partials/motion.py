@@ -290,11 +290,20 @@ def dual_cross(wrench: Array) -> Array:
 # R^T f besides by R^T (delta_ang x f).
 
 
-class Partials(NamedTuple):
-    """Partial derivatives of the rows of some constraints, and of their k wrenches."""
+class Rows(NamedTuple):
+    """Rows of some constraints, with what they are made of."""
 
-    by: Array  # (rows, 4, nv): of J v, and of J a + gamma with what pulls the rows back
-    f: Array  # (k, 6), wrenches of s
+    by: Array  # (rows, 4, nv), partials of J v, and of J a + gamma with what pulls the rows back
+    J: Array  # (k, 6, nv), of s
+    X: Array  # (k, 6, 6), motions at c2 to those in the axes of c1, where s is
+    lever: Array | None  # (k, 6, 6), motions at c1 to where s is; None if that is c1
+    weights: tuple[Array, Array] | None  # W and D; None if the rows are some of s
+
+
+class Wrenches(NamedTuple):
+    """Wrenches on both bodies, and their partials."""
+
+    f: Array  # (k, 6), W^T lam
     to1: Array  # (k, 6, 6), f to the wrench on body 1 at the origin of c1, in its axes
     to2: Array  # (k, 6, 6), f to the opposite of that on body 2, at c2
     w1_q: Array | None  # (k, 6, nv), of the wrenches on body 1; None where they are fixed
@@ -324,38 +333,46 @@ class Kinds:
         if drift:
             self._Kp, self._Kd = (each[:, None] for each in gains(bounds, drift))
 
-    def at(self, at: At, lam: Array) -> Partials:
-        """Partials at the ends of one state, with forces lam (rows,)."""
+    def at(self, at: At) -> Rows:
+        """Rows at the ends of one state."""
         k, p, lever = len(self._bounds), self._p, None if self._about_c1 else at.lever
         X = at.X if lever is None else at.turn
-        of = relative_motion(at.one, at.two, X, lever)
-        rows, J, W, f_q = of.by, of.J, _ONE, None
-        f = np.zeros((k, p))
-        f.reshape(-1)[self._chosen] = self.signs[:, 0] * lam
+        of, weights = relative_motion(at.one, at.two, X, lever), None
+        by, J, W = of.by, of.J, _ONE
         if self._weigh:
             W, D, bend = weights_of(self._bounds, p, at.R, at.r, of.v)
             by_delta = _times(D, np.array((of.v, of.a))[:, :, None])  # D(delta) s, D(delta) s'
             D_s = (of.v[:, None, None] @ D)[:, :, 0] + by_delta[0]
             by_delta[1] += bend
-            rows = _each(W, of.by)
-            rows[:, :, ::A_Q] += (by_delta @ J).transpose(1, 2, 0, 3)
-            rows[:, :, A_Q:] += _each(D_s, of.by[:, :, :A_Q])
+            by, weights = _each(W, of.by), (W, D)
+            by[:, :, ::A_Q] += (by_delta @ J).transpose(1, 2, 0, 3)
+            by[:, :, A_Q:] += _each(D_s, of.by[:, :, :A_Q])
+        by = by.reshape(k * p, 4, -1)[self._chosen]
+        if self._signed:
+            by = by * self.signs[:, :, None]
+        if self._drift:
+            by[:, A_Q] += self._Kp * self._c_q(at, W, J) + self._Kd * by[:, V_Q]
+        return Rows(by, J, X, lever, weights)
+
+    def wrenches(self, rows: Rows, lam: Array) -> Wrenches:
+        """Wrenches of the forces lam (rows,)."""
+        _, J, X, lever, weights = rows
+        k, p, XT = len(J), self._p, X.swapaxes(1, 2)
+        f = np.zeros((k, p))
+        f.reshape(-1)[self._chosen] = self.signs[:, 0] * lam
+        if weights:
+            W, D = weights
             f_q = (f[:, None] @ D.reshape(k, p, 36)).reshape(k, 6, 6).swapaxes(1, 2)
             f = (f[:, None] @ W)[:, 0]
-        rows = rows.reshape(k * p, 4, -1)[self._chosen]
-        if self._signed:
-            rows = rows * self.signs[:, :, None]
-        if self._drift:
-            rows[:, A_Q] += self._Kp * self._c_q(at, W, J) + self._Kd * rows[:, V_Q]
-        turned, XT = dual_crosses(f), X.swapaxes(1, 2)
+        turned = dual_crosses(f)
         if lever is None:
-            return Partials(rows, f, _ONE[None], XT, None, XT @ turned @ J)
+            return Wrenches(f, _ONE[None], XT, None, XT @ turned @ J)
         # the lever of body 1 changes, not that of body 2
         w1_q, to1 = np.zeros((k, 6, 6)), lever.swapaxes(1, 2)
         w1_q[:, 3:, :3], turned[:, 3:, :3] = -turned[:, 3:, :3], 0.0
-        if f_q is not None:
+        if weights:
             w1_q, turned = w1_q + to1 @ f_q, turned + f_q
-        return Partials(rows, f, to1, XT, w1_q @ J, XT @ turned @ J)
+        return Wrenches(f, to1, XT, w1_q @ J, XT @ turned @ J)
 
     def _c_q(self, at: At, W: Array, J: Array) -> Array:
         """Partials of c (rows, nv)."""
@@ -427,8 +444,8 @@ _STRAIGHT: Final = 1e-4  # [rad]; below, the series of (1 - angle cot(angle)) / 
 
 def of_point(
     b: Bound, one: Motion, two: Motion, c1Mc2: Any, lam: Array, drift: Baumgarte | None
-) -> Partials:
-    """Partials of a point, whose two forces act at both origins: they have no lever.
+) -> tuple[Array, Wrenches]:
+    """Partials (3, 4, 6) of a point, whose two forces act at both origins: they have no lever.
 
     J v = v1 - R v2,    J a + gamma = a1 - R a2,    c = -r
     """
@@ -443,4 +460,4 @@ def of_point(
     w2_q = np.concatenate((-R.T @ _skew(f) @ Ja, np.zeros_like(Ja)))
     six, to2 = np.concatenate((f, np.zeros(3))), np.kron(np.eye(2), R.T)
     rows = b.sign * np.stack((v_q, J, s_q, a1_v - R @ a2_v), axis=1)
-    return Partials(rows, six, _ONE, to2, None, w2_q)
+    return rows, Wrenches(six, _ONE, to2, None, w2_q)

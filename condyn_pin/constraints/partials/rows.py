@@ -158,19 +158,19 @@ class PairPartials:
             np.negative(by[:, A_Q:], out=by_state[b.rows].reshape(-1, 2, n))
         if self._kinds:
             at, rows = self._at(), self._kinds.rows
-            of = self._kinds.at(at, lam[rows])
+            of = self._kinds.at(at)
             J[rows], by_state.reshape(size, 2, n)[rows] = of.by[:, J_], -of.by[:, A_Q:]
-            if of.w1_q is not None:
-                pulls += at.one.J.reshape(-1, n).T @ of.w1_q.reshape(-1, n)
-            pulls -= at.two.J.reshape(-1, n).T @ of.w2_q.reshape(-1, n)
+            *_, w1_q, w2_q = self._kinds.wrenches(of, lam[rows])
+            if w1_q is not None:
+                pulls += at.one.J.reshape(-1, n).T @ w1_q.reshape(-1, n)
+            pulls -= at.two.J.reshape(-1, n).T @ w2_q.reshape(-1, n)
 
     def turning(self, out: Array) -> None:
         """Write the partials (m, nv) of J v by q."""
         for b in self._held:
             out[b.rows] = self._of_held(b)[:, V_Q]
         if self._kinds:
-            forces = np.zeros(len(self._kinds.signs))
-            out[self._kinds.rows] = self._kinds.at(self._at(), forces).by[:, V_Q]
+            out[self._kinds.rows] = self._kinds.at(self._at()).by[:, V_Q]
 
     def _of_held(self, b: Bound) -> Array:
         """Partials (rows, 4, nv) of a frame's own velocity."""
@@ -192,17 +192,19 @@ class PairPartials:
             each.by_twist() if end == i else each.still() for i, each in ((1, one), (2, two))
         )
         if isinstance(b, Bound) and b.is_point:
-            of = of_point(b, moving1, moving2, c1Mc2, lam, b.drift or self._drift)
+            drift = self._drift and (b.drift or self._drift)
+            by, of = of_point(b, moving1, moving2, c1Mc2, lam, drift)
         else:
-            at = At.single(moving1, moving2, c1Mc2)
-            of = Kinds([b], self._drift).at(at, lam)
+            kind = Kinds([b], self._drift)
+            rows = kind.at(At.single(moving1, moving2, c1Mc2))
+            by, of = rows.by, kind.wrenches(rows, lam)
         w1 = np.zeros((6, 6)) if of.w1_q is None else of.w1_q.reshape(6, 6)
         w2, f = of.w2_q.reshape(6, 6), of.f.reshape(6)
         if end == 1:
             w1 = w1 + dual_cross(of.to1.reshape(6, 6) @ f)
         else:
             w2 = w2 + dual_cross(of.to2.reshape(6, 6) @ f)
-        return two.J.T @ w2 - one.J.T @ w1, of.by[:, A_Q]
+        return two.J.T @ w2 - one.J.T @ w1, by[:, A_Q]
 
 
 # How the rows of all points change with q and v, at fixed accelerations.
