@@ -30,7 +30,7 @@ _skew = pin.skew
 Pair: TypeAlias = Bound | BoundRelation
 
 
-# Where `Motion.by` has them: of a velocity by q and by v, of its rate by q and by v.
+# Places in `Motion.by` of the partials of a velocity by q and v, and of its rate by q and v.
 V_Q, J_, A_Q, A_V = range(4)
 
 
@@ -63,7 +63,8 @@ class Motion(NamedTuple):
 
     def mapped(self, X: Array) -> Motion:
         """Motions X v of many, with constant matrices (k, 6, 6)."""
-        return Motion(*_times(X, np.array((self.v, self.a))), _each(X, self.by))
+        v, a = _times(X, np.array((self.v, self.a)))
+        return Motion(v, a, _each(X, self.by))
 
     def classical(self) -> tuple[Array, Array, Array]:
         """Acceleration of the origin of one frame, and its partials by q and v."""
@@ -226,7 +227,7 @@ class Frames:
 
     def __init__(self, model: Any, data: Any) -> None:
         self._model, self.data = model, data
-        self._world = Motion(*np.zeros((2, 6)), np.zeros((6, 4, model.nv)))
+        self._world = Motion(np.zeros(6), np.zeros(6), np.zeros((6, 4, model.nv)))
 
     @property
     def nv(self) -> int:
@@ -259,8 +260,9 @@ class Frames:
         v_q, a_q, a_v, J = pin.getFrameAccelerationDerivatives(
             self._model, self.data, joint, placement, LOCAL
         )
-        # of a single coordinate Pinocchio gives vectors
-        return np.concatenate((v_q, J, a_q, a_v), axis=-1).reshape(6, 4, -1)
+        if self._model.nv == 1:  # Pinocchio gives vectors
+            return np.stack((v_q, J, a_q, a_v), axis=1)[:, :, None]
+        return np.concatenate((v_q, J, a_q, a_v), axis=1).reshape(6, 4, -1)
 
 
 def dual_crosses(wrenches: Array) -> Array:
