@@ -34,6 +34,7 @@ CONSTRAINTS = {
     "ball": cp.Loop("a", "b"),
     "ball on the world": cp.Loop("place", "b"),
     "weld": cp.Loop("a", "b", "weld"),
+    "weld on the world": cp.Loop("place", "a", "weld"),
     "hinge": cp.Loop("a", "b", "hinge", axis="x"),
     "hinge on the world": cp.Loop("place", "a", "hinge", axis="z"),
     "slider": cp.Loop("a", "b", "slider", axis="y"),
@@ -282,15 +283,17 @@ def test_a_pendulum_by_hand():
     assert d.da_dtau[0, 0] == pytest.approx(1 / (2.0 * 0.25), rel=1e-12)
 
 
-def test_a_machine_that_cannot_move_is_differentiated_and_checked():
+@pytest.mark.parametrize("drift", [None, PULLED])
+@pytest.mark.parametrize("kind", [cp.PointContact, cp.SurfaceContact, cp.constraints.LineContact])
+def test_a_machine_that_cannot_move_is_differentiated_and_checked(kind, drift):
     """There is no direction along the constraints, and rows are redundant."""
     crank, rng = cp.model.pendulum(), np.random.default_rng(0)
-    scene = cp.Scene(crank, [cp.PointContact(crank.frames[-1])])
+    scene = cp.Scene(crank, [kind(crank.frames[-1])])
     assert scene.nominal.redundant
     assert scene.nominal.mobility == 0
     state = (rng.normal(size=1), np.zeros(1), rng.normal(size=1))
-    found = cp.derivatives(scene, *state, check=True)
-    numeric = cp.derivatives(scene, *state, method="differences")
+    found = cp.derivatives(scene, *state, drift=drift, check=True)
+    numeric = cp.derivatives(scene, *state, drift=drift, method="differences")
     assert not numeric.da_dq.any()
     assert np.abs(found.da_dtau).max() < 1e-12
 
