@@ -120,8 +120,8 @@ def relative_motion(one: Motion, two: Motion, X: Array, lever: Array | None) -> 
 
 def _each(A: Array, by: Array) -> Array:
     """Products of matrices (k, i, j) with partials (k, j, s, nv)."""
-    k, j, *rest = by.shape
-    return np.asarray((A @ by.reshape(k, j, -1)).reshape(k, -1, *rest))
+    k, j, parts, n = by.shape
+    return (A @ by.reshape(k, j, -1)).reshape(k, -1, parts, n)  # type: ignore[no-any-return]
 
 
 def _times(A: Array, x: Array) -> Array:
