@@ -543,15 +543,18 @@ def error(found: BatchStepDerivatives, wanted: BatchStepDerivatives) -> float:
 def left_to_python(at: States) -> int:
     """Return how many steps the core leaves."""
     from condyn_pin.dynamics.verbs import workspace_for
+    from condyn_pin.gradients.routes.active_set import ActiveSet
     from condyn_pin.gradients.routes.batch import DifferentiatedRows, kinds_of
+    from condyn_pin.stepping.batch import SteppedRows
 
     count = len(at.Q)
     kinds = {name: kind.times(count) for name, kind in kinds_of(at.scene, ()).items()}
     outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
-    rows = DifferentiatedRows(tuple(at.scene.contacts), DT, BY)
+    steps = SteppedRows(tuple(at.scene.contacts), DT, BY)
+    rows = DifferentiatedRows(steps, ActiveSet(), ())
     inputs = {"q0": at.Q, "v0": at.V, "tau0": at.TAU}
     workspace = workspace_for(at.scene.bilateral, None, None)
-    return len(rows(workspace, inputs, outputs, 1))
+    return len(rows.core(workspace, inputs, outputs, 1)[0])
 
 
 SUNK = 1e-4  # how deep contacts are where steps begin: no gap is about to open [m]

@@ -107,7 +107,7 @@ def assert_derivatives_of_python(
     for group in groups:
         wanted = step_derivatives_batch(*group, **about)
         assert wanted.ok
-        with by_python(monkeypatch, batch.DerivativesKernel, "_row") as asked:
+        with by_python(monkeypatch, batch.DifferentiatedRows, "row") as asked:
             found = step_derivatives_batch(*group, **about, **CORE)
         rows += len(asked)
         assert_array_equal(found.codes, wanted.codes)

@@ -22,7 +22,7 @@ from shared import all_scenes
 
 import condyn_pin as cp
 from condyn_pin._core import rows, work
-from condyn_pin._core.work import Kind, SharedArrays, silent
+from condyn_pin._core.work import Kind, SharedArrays
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.scene import motor_torque
 from condyn_pin.simulation.batch.inputs import PickledRecipe, Recipe
@@ -326,7 +326,7 @@ def test_other_refusals(executor):
 @of_processes
 @pytest.mark.parametrize("count", [0, 1, 15, 1000, 100_000])
 def test_chunks_cover_all_rows_and_become_smaller(count):
-    chunks = rows.Rows(print, None, None, None, 1000, silent)._chunks(count)
+    chunks = rows.chunks_of(count, None, 1000)
     assert [i for rows in chunks for i in range(rows.start, rows.stop)] == list(range(count))
     sizes = [rows.stop - rows.start for rows in chunks]
     assert sizes == sorted(sizes, reverse=True)

@@ -411,7 +411,7 @@ def test_a_stiff_damper_is_advised_an_accurate_integrator():
 @pytest.mark.parametrize("dt", [1e-3, 5e-4])
 def test_arrays_of_the_core_are_judged_as_motions_are(dt):
     """Samples as the compiled core measures them, of motions by Python."""
-    from condyn_pin.simulation.batch.motions import MEASURED, Made, put_motions
+    from condyn_pin.simulation.batch.motions import MEASURED, Motions, put_motions
 
     scene, tau = cart(2e-3), np.array([[0.0, 0.0], [1e-3, 0.0]])
     scene.robot.model.damping[1] = 0.01
@@ -443,8 +443,11 @@ def test_arrays_of_the_core_are_judged_as_motions_are(dt):
         "statuses": np.full(2, -1, np.int8),
     }  # fmt: skip
     run = runs[0].run
-    made = Made(scene, run.integrator, run.solver, dt, run.limits)
-    words = put_motions(outputs, np.arange(2), found, tau, made)
+    motions = Motions(
+        function=None, jacobian=None, duration=1.0, dt=dt, steps=round(1.0 / dt), every=10,
+        integrator=run.integrator, drift=run.drift, solver=run.solver, limits=run.limits,
+    )  # fmt: skip
+    words = put_motions(outputs, np.arange(2), found, tau, scene, run.solver, motions)
     for i, motion in enumerate(runs):
         assert tuple(RunStatus)[outputs["statuses"][i]] is motion.status
         assert words.get(i, "") == motion.reason

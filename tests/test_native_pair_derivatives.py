@@ -48,7 +48,7 @@ def test_two_bodies_in_the_air(one, two, order, monkeypatch):
     Q = np.array([near(one, two, rng, gap) for gap in (5e-4, 1e-4, -1e-5, 0.3) for _ in range(3)])
     V = rng.normal(scale=0.5, size=(len(Q), 12))
     wanted = step_derivatives_batch(scene, Q, V, **ABOUT)
-    with by_python(monkeypatch, batch.DerivativesKernel, "_row") as asked:
+    with by_python(monkeypatch, batch.DifferentiatedRows, "row") as asked:
         found = step_derivatives_batch(scene, Q, V, **ABOUT, **CORE)
     assert len(asked) <= 1  # Newton's method has no answer of one rod that is in a box
     assert_same(found, wanted)
@@ -78,7 +78,7 @@ def test_scenes(make, monkeypatch):
     duration, left = SCENES[make]
     group = beside(make, duration)
     wanted = step_derivatives_batch(*group, **ABOUT)
-    with by_python(monkeypatch, batch.DerivativesKernel, "_row") as asked:
+    with by_python(monkeypatch, batch.DifferentiatedRows, "row") as asked:
         found = step_derivatives_batch(*group, **ABOUT, **CORE)
     assert len(asked) <= left
     assert_array_equal(found.failed, wanted.failed)
@@ -105,7 +105,7 @@ def test_points_in_doubt_are_left_to_python(monkeypatch):
     scene = scene_of(SHAPES["point"], Capsule(1e-10, 0.3))
     Q = np.array([placed(above(0.05, x=x)) for x in (1.5e-10, 1e-5)])
     V = np.tile([-0.3, 0.1, -0.4, *np.zeros(9)], (2, 1))
-    with by_python(monkeypatch, batch.DerivativesKernel, "_row") as asked:
+    with by_python(monkeypatch, batch.DifferentiatedRows, "row") as asked:
         found = step_derivatives_batch(scene, Q, V, **ABOUT, **CORE)
     assert found.codes.all()
     assert len(asked) == 1

@@ -7,11 +7,12 @@ Pinocchio and does not touch the one that is installed.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from functools import cache
 from importlib import import_module
 from typing import Any, Final, Literal, TypeAlias
 
-from condyn_pin.errors import InvalidArgument, MissingExtra
+from condyn_pin.errors import InvalidArgument, MissingExtra, UnsupportedBackend
 
 # Whether the core is to do something. Where it cannot, or is not installed, True is an error and
 # "where possible" is Python.
@@ -40,6 +41,15 @@ def check_native(native: Native) -> None:
     """Raise InvalidArgument unless native is False, True or "where possible"."""
     if native not in (False, True, "where possible"):
         raise InvalidArgument(f"native = {native!r}: False, True or 'where possible' is needed")
+
+
+def refuse(reasons: Iterable[str]) -> None:
+    """Raise `UnsupportedBackend` if there are reasons."""
+    for reason in reasons:
+        raise UnsupportedBackend(
+            f"the compiled core does not take this: {reason}; leave it to Python, "
+            "Native(where_possible=True) does where it must"
+        )
 
 
 def _module(name: str, protocol: int, missing: str) -> Any:

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import pickle
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from math import nan
 from typing import Any, ClassVar, Final, Generic, Self, TypeVar, overload
@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arguments import check_called, check_count
 from condyn_pin._core.arrays import read_only
-from condyn_pin._core.compiled import compiled
+from condyn_pin._core.compiled import compiled, refuse
 from condyn_pin._core.show import facts, notes, page
 from condyn_pin._core.work import (
     CAN_SHARE,
@@ -28,6 +28,7 @@ from condyn_pin._core.work import (
     InPlace,
     Kernel,
     Kinds,
+    Messages,
     PickleTransport,
     Processes,
     Progress,
@@ -36,10 +37,17 @@ from condyn_pin._core.work import (
     Transport,
     cores,
     in_flight,
+    rows_of,
     silent,
     workers_of,
 )
-from condyn_pin.errors import Interrupted, InvalidArgument, WorkersLost
+from condyn_pin.errors import (
+    Interrupted,
+    InvalidArgument,
+    MissingExtra,
+    UnsupportedBackend,
+    WorkersLost,
+)
 
 SomeBatch = TypeVar("SomeBatch")
 
@@ -49,110 +57,170 @@ _SHARES: Final = 16
 _SMALLER: Final = 5
 
 
-@dataclass(frozen=True)
-class Rows:
-    """Work on the rows of batch arrays: kernel, executor and chunk size.
+class Verb(ABC):
+    """Work on the rows of a batch, by Python and by the compiled core; it pickles.
 
-    Without an executor this process does the work. Workers are handed `chunk` rows at a time; by
-    default a sixteenth of what is left, up to `most`, which should take a tenth of a second or
-    less. `progress` is called with the number of rows done and that of all.
+    Inputs with two axes have one row per state; with one, they are the same for all.
+
+    Attributes
+    ----------
+    most : int
+        Rows that a worker is handed at a time, at most: a tenth of a second of work, or less.
+    most_of_core : int
+        Rows that a thread of the compiled core is handed at a time in this process.
     """
 
-    kernel: Kernel
-    recipe: Recipe
-    executor: Executor | None
-    chunk: int | None
-    most: int
-    progress: Progress
+    most: int = 1000
+    most_of_core: int = 2000
 
-    def __post_init__(self) -> None:
-        if self.progress is not silent:
-            check_called("progress", self.progress, "done, total")
-        if self.chunk is not None:
-            check_count("chunk", self.chunk)
+    @abstractmethod
+    def row(self, workspace: Any, inputs: Arrays, outputs: Arrays) -> str:
+        """Fill the outputs of one row, NaN and 0 until then; return what there is to say of it."""
 
-    def fill(
-        self, count: int, inputs: Arrays, kinds: Kinds, batch: Callable[[Arrays], SomeBatch]
-    ) -> SomeBatch:
-        """Fill the outputs, one row per state, and return the `batch` that is made of them.
+    @abstractmethod
+    def core(
+        self, workspace: Any, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Fill the outputs of many rows by the compiled core.
 
-        Inputs with two axes have one row per state; with one, they are the same for all. `kinds`
-        says what a row of each output is; one of them is ``statuses``: MISSING where nobody has
-        worked on a row, and its floats are NaN. ``words`` has what the kernel said of each row.
-        WorkersLost and Interrupted have the batch of what was worked on, as `done` and `table`.
+        Return the rows that are left to Python, and what there is to say of others.
         """
-        kinds = {name: kind.times(count) for name, kind in kinds.items()}
-        outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
-        words, chunks = np.full(count, "", object), self._chunks(count)
-        done = np.zeros(count, bool)
 
-        def found() -> SomeBatch:
-            return batch(_sealed(outputs | {"words": words}, done))
+    def __call__(self, workspace: Any, inputs: Arrays, outputs: Arrays) -> Messages:
+        """Fill the outputs row by row; return what there is to say of some."""
+        said = {}
+        for array in outputs.values():
+            array[...] = nan if array.dtype.kind == "f" else 0
+        for i in range(len(outputs["statuses"])):
+            here = {name: x if x.ndim == 1 else x[i] for name, x in inputs.items()}
+            said[i] = self.row(workspace, here, {name: x[i, ...] for name, x in outputs.items()})
+        return {i: text for i, text in said.items() if text}
 
+
+@dataclass(frozen=True)
+class _Compiled:
+    """Kernel of a verb in the compiled core; the rows that it leaves are Python's."""
+
+    verb: Verb
+    threads: int
+
+    def __call__(self, workspace: Any, inputs: Arrays, outputs: Arrays) -> Messages:
+        left, said = self.verb.core(workspace, inputs, outputs, self.threads)
+        if not left.size:
+            return said
+        found = {name: x[left] for name, x in outputs.items()}
+        words = self.verb(workspace, rows_of(inputs, left), found)
+        for name, x in found.items():
+            outputs[name][left] = x
+        return said | {int(left[i]): text for i, text in words.items()}
+
+
+def run(
+    verb: Verb, recipe: Recipe, inputs: Arrays, kinds: Kinds, batch: Callable[[Arrays], SomeBatch],
+    *, executor: Executor | Native | None, chunk: int | None, progress: Progress,
+    unsupported: Iterable[str],
+) -> SomeBatch:  # fmt: skip
+    """Return the `batch` that is made of the outputs of a verb, one row per state.
+
+    Parameters
+    ----------
+    verb, recipe
+        The work, and the source of its workspace.
+    inputs : dict of arrays
+        The first one has a row per state.
+    kinds : mapping
+        Shape and type of a row of each output. One is ``statuses``: MISSING where nobody has worked
+        on a row, and its floats are NaN. ``words`` is what the verb has said of each.
+    batch : callable
+        Makes the value of the outputs.
+    executor, chunk, progress
+        As the user gave them: this process by default, and a sixteenth of what is left, up to
+        ``verb.most`` rows.
+    unsupported : iterable of str
+        Reasons why the compiled core cannot do the work; read where it is asked for.
+
+    Raises
+    ------
+    UnsupportedBackend, MissingExtra
+        If the core is asked for, and cannot do the work or is not installed.
+    WorkersLost, Interrupted
+        With the batch of what was worked on, as `done` and `table`.
+    """
+    kernel: Kernel = verb
+    if isinstance(executor, Native):
+        kernel, executor, chunk = executor.kernel(verb, chunk, unsupported)
+    if progress is not silent:
+        check_called("progress", progress, "done, total")
+    if chunk is not None:
+        check_count("chunk", chunk)
+    count = len(next(iter(inputs.values())))
+    kinds = {name: kind.times(count) for name, kind in kinds.items()}
+    outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
+    words, done = np.full(count, "", object), np.zeros(count, bool)
+    chunks = chunks_of(count, chunk, verb.most)
+
+    def found() -> SomeBatch:
+        return batch(_sealed(outputs | {"words": words}, done))
+
+    try:
+        with closing(_transport(kernel, recipe, inputs, outputs, executor, chunks)) as transport:
+            results = in_flight(
+                transport.work, len(chunks), lambda i, place: transport.send(chunks[i], place),
+                executor, transport.places,
+            )  # fmt: skip
+            with closing(results):  # an interrupt cancels what has not begun
+                for i, answer in results:
+                    for k, text in transport.receive(chunks[i], answer).items():
+                        words[chunks[i].start + k] = text
+                    done[chunks[i]] = True
+                    progress(int(np.count_nonzero(done)), count)
+    except WorkersLost as lost:
+        lost.done = found()
+        raise
+    except KeyboardInterrupt as stop:
+        raise Interrupted(found()) from stop
+    return found()
+
+
+def chunks_of(count: int, chunk: int | None, most: int) -> list[slice]:
+    """Rows of each chunk; the last chunks are small, so that workers finish together."""
+    chunks, start = [], 0
+    least = min(_part(count, _SHARES), _part(most, _SMALLER))
+    while start < count:
+        share = min(most, max(least, _part(count - start, _SHARES)))
+        stop = min(start + (chunk or share), count)
+        chunks.append(slice(start, stop))
+        start = stop
+    return chunks
+
+
+def _transport(
+    kernel: Kernel, recipe: Recipe, inputs: Arrays, outputs: Arrays, executor: Executor | None,
+    chunks: list[slice],
+) -> Transport:  # fmt: skip
+    """Transport to the workers of the executor, or within this process."""
+    if executor is None:
+        return InPlace(kernel, recipe, inputs, outputs)
+    made = recipe.pickled()
+    if not isinstance(executor, ProcessPoolExecutor | Processes):
+        return PickleTransport(kernel, made, inputs, outputs)
+    try:
+        pickle.dumps(kernel)
+    except (pickle.PicklingError, AttributeError, TypeError) as error:
+        raise InvalidArgument(
+            f"executor = {executor!r}: its processes need what pickles, such as torques "
+            f"that are a function of a module, no lambda ({error})"
+        ) from error
+    if CAN_SHARE:
         try:
-            with closing(self._transport(inputs, outputs, chunks)) as transport:
-                self._drain(chunks, transport, words, done)
-        except WorkersLost as lost:
-            lost.done = found()
-            raise
-        except KeyboardInterrupt as stop:
-            raise Interrupted(found()) from stop
-        return found()
-
-    def _transport(self, inputs: Arrays, outputs: Arrays, chunks: list[slice]) -> Transport:
-        """Transport to the workers of the executor, or within this process."""
-        if self.executor is None:
-            return InPlace(self.kernel, self.recipe, inputs, outputs)
-        recipe = self.recipe.pickled()
-        if not isinstance(self.executor, ProcessPoolExecutor | Processes):
-            return PickleTransport(self.kernel, recipe, inputs, outputs)
-        try:
-            pickle.dumps(self.kernel)
-        except (pickle.PicklingError, AttributeError, TypeError) as error:
-            raise InvalidArgument(
-                f"executor = {self.executor!r}: its processes need what pickles, such as torques "
-                f"that are a function of a module, no lambda ({error})"
-            ) from error
-        if CAN_SHARE:
-            try:
-                return SharedMemoryTransport(
-                    self.kernel, recipe, inputs, outputs,
-                    most=max((rows.stop - rows.start for rows in chunks), default=0),
-                    places=min(2 * workers_of(self.executor) + 1, len(chunks)),
-                )  # fmt: skip
-            except OSError:  # not so much memory at once: copies, then
-                pass
-        return PickleTransport(self.kernel, recipe, inputs, outputs)
-
-    def _chunks(self, count: int) -> list[slice]:
-        """Rows of each chunk; the last chunks are small, so that workers finish together."""
-        chunks, start = [], 0
-        least = min(_part(count, _SHARES), _part(self.most, _SMALLER))
-        while start < count:
-            share = min(self.most, max(least, _part(count - start, _SHARES)))
-            stop = min(start + (self.chunk or share), count)
-            chunks.append(slice(start, stop))
-            start = stop
-        return chunks
-
-    def _drain(
-        self,
-        chunks: list[slice],
-        transport: Transport,
-        words: NDArray[Any],
-        done: NDArray[np.bool_],
-    ) -> None:
-        """Run all chunks; collect the messages of rows, and flags of the rows that are done."""
-        results = in_flight(
-            transport.work, len(chunks), lambda i, place: transport.send(chunks[i], place),
-            self.executor, transport.places,
-        )  # fmt: skip
-        with closing(results):  # an interrupt cancels what has not begun
-            for i, found in results:
-                for k, text in transport.receive(chunks[i], found).items():
-                    words[chunks[i].start + k] = text
-                done[chunks[i]] = True
-                self.progress(int(np.count_nonzero(done)), len(done))
+            return SharedMemoryTransport(
+                kernel, made, inputs, outputs,
+                most=max((rows.stop - rows.start for rows in chunks), default=0),
+                places=min(2 * workers_of(executor) + 1, len(chunks)),
+            )  # fmt: skip
+        except OSError:  # not so much memory at once: copies, then
+            pass
+    return PickleTransport(kernel, made, inputs, outputs)
 
 
 def _sealed(outputs: Arrays, done: NDArray[np.bool_]) -> Arrays:
@@ -183,19 +251,25 @@ Some = slice | list[int] | NDArray[Any]  # of the rows, as NumPy takes them
 
 
 class Batch(ABC, Generic[One]):
-    """Sequence of solutions: ``batch[i]`` is one, ``batch[2:4]`` a batch of some."""
+    """Sequence of solutions: ``batch[i]`` is one, ``batch[2:4]`` a batch of some.
 
-    @abstractmethod
+    `_rows` names the fields with one row per state: arrays, and batches.
+    """
+
+    _rows: ClassVar[tuple[str, ...]]
+
     def __len__(self) -> int:
-        """Number of rows."""
+        return len(getattr(self, self._rows[0]))
 
     @abstractmethod
     def _one(self, i: int) -> One:
         """Solution of one row."""
 
-    @abstractmethod
     def _some(self, rows: Some) -> Self:
         """Batch of some rows."""
+        some = {name: getattr(self, name)[rows] for name in self._rows}
+        read_only(tuple(x for x in some.values() if isinstance(x, np.ndarray)))
+        return replace(self, **some)  # type: ignore[type-var]
 
     @overload
     def __getitem__(self, i: int | np.integer[Any]) -> One: ...
@@ -211,13 +285,20 @@ class Batch(ABC, Generic[One]):
     def __iter__(self) -> Iterator[One]:
         return (self[i] for i in range(len(self)))
 
+    def _check_found(self, i: int, statuses: NDArray[np.int8], row: str = "state") -> None:
+        """Raise WorkersLost if nobody has worked on a row."""
+        if statuses[i] == MISSING:
+            raise WorkersLost(f"no worker got to {row} {i}; `missing` has all of them", self)
 
-class BatchResult:
+
+class BatchResult(Batch[One]):
     """Statuses of the rows of a batch, as indices into `_endings`; 0 is ok."""
 
     _endings: ClassVar[Sequence[Enum]]
+    _row: ClassVar[str] = "state"
 
     statuses: NDArray[np.int8]
+    scene: Any
 
     @property
     def ok(self) -> bool:
@@ -256,8 +337,12 @@ class BatchResult:
         return page(title, notes(bad), facts(map(_in_two, lines)), ok=self.ok)
 
     def _counted(self) -> str:
-        """Counts of the statuses as text."""
-        return ", ".join(f"{number} {name}" for name, number in self.counts.items()) or "none"
+        """Name of the robot, and counts of the statuses."""
+        counts = ", ".join(f"{number} {name}" for name, number in self.counts.items()) or "none"
+        return f"{self.scene.robot.name}, {len(self)} {self._row}s: {counts}"
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self._counted()})"
 
     def _not_ok(self) -> list[str]:
         """Line for each status but ok: its first few rows, and its meaning."""
@@ -340,3 +425,18 @@ class Native:
     def at_work(self) -> int:
         """Number of threads."""
         return cores() if self.threads is None else self.threads
+
+    def kernel(
+        self, verb: Verb, chunk: int | None, unsupported: Iterable[str]
+    ) -> tuple[Kernel, Executor | None, int | None]:
+        """Kernel, executor and chunk size of a verb: the core, or Python where that may be."""
+        try:
+            compiled()
+            refuse(unsupported)
+        except (UnsupportedBackend, MissingExtra):
+            if not self.where_possible:
+                raise
+            return verb, self.executor, chunk
+        if self.executor is None and chunk is None:
+            chunk = verb.most_of_core * self.at_work
+        return _Compiled(verb, self.at_work), self.executor, chunk

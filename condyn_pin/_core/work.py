@@ -582,7 +582,7 @@ class PickleTransport(Transport):
 
     def send(self, rows: slice, place: int) -> tuple[int, Arrays]:
         """Number of rows, and their inputs."""
-        return rows.stop - rows.start, _inputs_of(self._inputs, rows)
+        return rows.stop - rows.start, rows_of(self._inputs, rows)
 
     def receive(self, rows: slice, found: tuple[Arrays, Messages]) -> Messages:
         """Copy the outputs into their rows; return the messages."""
@@ -621,9 +621,9 @@ def _on_copies(
 def _fill(kernel: Kernel, workspace: Any, inputs: Arrays, outputs: Arrays, rows: slice) -> Messages:
     """Run a kernel on some rows."""
     chosen = {name: array[rows] for name, array in outputs.items()}
-    return kernel(workspace, _inputs_of(inputs, rows), chosen)
+    return kernel(workspace, rows_of(inputs, rows), chosen)
 
 
-def _inputs_of(arrays: Arrays, rows: slice) -> Arrays:
+def rows_of(arrays: Arrays, rows: slice | NDArray[np.intp]) -> Arrays:
     """Inputs of some rows; arrays of one axis are common to all rows."""
     return {name: array if array.ndim == 1 else array[rows] for name, array in arrays.items()}

@@ -21,7 +21,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import QUATERNION_TOLERANCE, State, listed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.compiled import compiled, constrained_aba
+from condyn_pin._core.compiled import compiled, constrained_aba, refuse
 from condyn_pin._core.joints import axes, indices
 from condyn_pin._core.trees import is_forest
 from condyn_pin.constraints.contacts.candidates import pieces_of
@@ -242,15 +242,6 @@ def contiguous(x: Array, count: int) -> Array:
 _OK: Final = Status.OK
 
 Outputs = dict[str, NDArray[Any]]
-
-
-def refuse(reasons: Iterable[str]) -> None:
-    """Raise `UnsupportedBackend` if there are reasons."""
-    for reason in reasons:
-        raise UnsupportedBackend(
-            f"the compiled core does not take this: {reason}; leave it to Python, "
-            "Native(where_possible=True) does where it must"
-        )
 
 
 def unsupported_method(method: str) -> Iterator[str]:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
-from math import nan
+from itertools import chain
 from time import perf_counter
 from typing import Any, ClassVar, Final, NamedTuple
 
@@ -18,7 +18,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import NORMALISED, normalised
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.compiled import compiled
-from condyn_pin._core.rows import MISSING, Batch, BatchResult, Native, Rows, Some
+from condyn_pin._core.rows import BatchResult, Native, Verb, run
 from condyn_pin._core.show import require_pandas
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
@@ -29,12 +29,11 @@ from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.contact.solvers.admm import ADMM, POLISH, RESCUE
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.contact.solvers.newton import SemismoothNewton
-from condyn_pin.dynamics.compiled import contiguous, of_contacts, unsupported, unsupported_contacts
+from condyn_pin.dynamics.compiled import contiguous, of_contacts, unsupported_contacts
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.errors import CondynError, WorkersLost
+from condyn_pin.errors import CondynError
 from condyn_pin.mechanism.closed_chains import chains_of
-from condyn_pin.simulation.batch.answers import workers
 from condyn_pin.simulation.batch.inputs import DrivenPath, Recipe, check_states, loose
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, sizes_of_gaps
@@ -46,9 +45,6 @@ from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 from condyn_pin.stepping.single_step import StepSolution, contact_problem, step
 
 _DEFAULT: Final = StewartTrinkle()
-
-# Steps a thread of the compiled core that it is handed at a time.
-_STEPS: Final = 2000
 
 
 def step_batch(
@@ -101,15 +97,13 @@ def step_batch(
     """
     begun = perf_counter()
     inputs = starts_of_steps(scene, Q, V, TAU, dt, integrator)
-    about, recipe = (tuple(scene.contacts), float(dt), integrator), Recipe(scene.bilateral)
-    kernel, executor, chunk = workers(
-        executor, SteppedRows(*about), StepKernel(*about),
-        reasons=unsupported_steps(scene, integrator),
-        unsupported=lambda: unsupported(recipe.workspace()), chunk=chunk, most=_STEPS,
+    recipe = Recipe(scene.bilateral)
+    return run(
+        SteppedRows(tuple(scene.contacts), float(dt), integrator), recipe, inputs,
+        kinds_of_steps(scene), partial(batch_of_steps, scene, float(dt), integrator, inputs, begun),
+        executor=executor, chunk=chunk, progress=progress,
+        unsupported=chain(unsupported_steps(scene, integrator), recipe.unsupported()),
     )  # fmt: skip
-    rows = Rows(kernel, recipe, executor, chunk, 500, progress)
-    made = partial(batch_of_steps, scene, float(dt), integrator, inputs, begun)
-    return rows.fill(len(inputs["q0"]), inputs, kinds_of_steps(scene), made)
 
 
 def starts_of_steps(
@@ -141,7 +135,7 @@ def batch_of_steps(
 ) -> BatchStep:  # fmt: skip
     """Return inputs and outputs as a value."""
     read_only(tuple(inputs.values()))
-    arrays = {name: (inputs | outputs)[name] for name in ROWS}
+    arrays = {name: (inputs | outputs)[name] for name in BatchStep._rows}
     seconds = perf_counter() - begun
     return BatchStep(scene=scene, dt=dt, integrator=integrator, seconds=seconds, **arrays)
 
@@ -150,55 +144,53 @@ _scenes = ThreadCache[Scene]()
 
 
 @dataclass(frozen=True)
-class StepKernel:
-    """The kernel: some rows of states in, their steps out; workspaces know no contacts."""
+class SteppedRows(Verb):
+    """One step from each state; workspaces know no contacts."""
 
     contacts: tuple[Contact, ...]
     dt: float  # [s]
-    integrator: ContactScheme = field(default=_DEFAULT)
+    integrator: ContactScheme
+    most = 500
 
-    def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
-        """Take the steps; return why there are none of some states."""
-        words = {}
-        for i in range(len(inputs["q0"])):
-            taken = self.take(workspace, inputs, outputs, i)
-            if isinstance(taken, CondynError):
-                words[i] = str(taken)
-        return words
+    def row(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> str:
+        """Take the step of one state; return why there is none."""
+        taken = self.take(workspace, inputs, outputs)
+        return str(taken) if isinstance(taken, CondynError) else ""
 
     def take(
-        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, i: int
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays
     ) -> StepSolution | CondynError:
-        """Return the step of row i, or why there is none; both are in the outputs."""
-        state = (inputs[name][i] for name in ("q0", "v0", "tau0"))
+        """Return the step of one state, or why there is none; both are in the outputs."""
+        state = (inputs[name] for name in ("q0", "v0", "tau0"))
         by = self.integrator
         try:
             now = step(self._scene(workspace), *state, dt=self.dt, integrator=by, throw=False)
-        except CondynError as error:
-            _put_nothing(outputs, i)
+        except CondynError as error:  # equations cannot be made
+            outputs["statuses"][...] = STATUSES.index(ContactStatus.NOT_FINITE)
             return error
-        _put(outputs, i, now)
+        outputs["q"][...], outputs["v"][...], outputs["lam"][...] = now.q, now.v, now.lam
+        outputs["codes"][...] = [MODES.index(mode) for mode in now.modes.values()]
+        outputs["errors"][...] = now.contact.natural, *(getattr(now, name) for name in ERRORS[1:])
+        outputs["statuses"][...] = STATUSES.index(now.status)
         return now
 
     def _scene(self, workspace: Workspace) -> Scene:
         bilateral, contacts = workspace.scene, self.contacts
         return _scenes.of(workspace, contacts, lambda: replace(bilateral, contacts=contacts))
 
-
-def _put(outputs: Arrays, i: int, now: StepSolution) -> None:
-    outputs["q"][i], outputs["v"][i], outputs["lam"][i] = now.q, now.v, now.lam
-    outputs["codes"][i] = [MODES.index(mode) for mode in now.modes.values()]
-    errors = [getattr(now, name) for name in ERRORS[1:]]
-    outputs["errors"][i] = now.contact.natural, *errors
-    outputs["statuses"][i] = STATUSES.index(now.status)
-
-
-def _put_nothing(outputs: Arrays, i: int) -> None:
-    """Put the status of a state whose equations cannot be made."""
-    for name in ("q", "v", "lam", "errors"):
-        outputs[name][i] = nan
-    outputs["codes"][i] = 0
-    outputs["statuses"][i] = STATUSES.index(ContactStatus.NOT_FINITE)
+    def core(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Take the steps; return those that are left."""
+        count = len(inputs["q0"])
+        done, codes = np.zeros(count, np.int32), np.zeros(outputs["codes"].shape, np.int32)
+        contacts_of(workspace, self.contacts).step(
+            *states_of(workspace, inputs), plan=step_plan(self.integrator, self.dt),
+            q=outputs["q"], v=outputs["v"], lam=outputs["lam"], errors=outputs["errors"],
+            modes=codes, done=done, threads=threads, **paths_of(workspace, self.dt),
+        )  # fmt: skip
+        outputs["codes"][:], outputs["statuses"][:] = codes, STATUSES.index(ContactStatus.OK)
+        return left_to_python(workspace, inputs["v0"], outputs, done, self.dt), {}
 
 
 # BatchStep: one step with contacts from many states, each with its errors and its status.
@@ -213,12 +205,9 @@ ERRORS: Final = (
     *("energy_lost", "correction_work", "algorithmic_work"),
 )
 
-# The arrays with one row per state.
-ROWS: Final = ("q", "v", "lam", "codes", "errors", "statuses", "q0", "v0", "tau0")
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchStep(BatchResult, Batch[StepSolution]):
+class BatchStep(BatchResult[StepSolution]):
     """The states after one step from N states, with the errors of each.
 
     Attributes
@@ -266,6 +255,7 @@ class BatchStep(BatchResult, Batch[StepSolution]):
     tau0: Array
     seconds: float  # [s]
 
+    _rows = ("q", "v", "lam", "codes", "errors", "statuses", "q0", "v0", "tau0")
     _endings: ClassVar[Sequence[Enum]] = STATUSES
 
     @property
@@ -293,25 +283,15 @@ class BatchStep(BatchResult, Batch[StepSolution]):
         """
         return require_pandas().DataFrame(step_columns(self, ERRORS))
 
-    def __len__(self) -> int:
-        return len(self.q)
-
-    def _some(self, rows: Some) -> BatchStep:
-        return replace(self, **{name: read_only(getattr(self, name)[rows]) for name in ROWS})
-
     def _one(self, i: int) -> StepSolution:
-        if self.statuses[i] == MISSING:
-            raise WorkersLost(f"no worker got to state {i}; `missing` has all of them", self)
+        self._check_found(i, self.statuses)
         asked = self.q0[i], self.v0[i], self.tau0[i]
         return step(self.scene, *asked, dt=self.dt, integrator=self.integrator, throw=False)
-
-    def __repr__(self) -> str:
-        return f"BatchStep({self.scene.robot.name}, {len(self)} states: {self._counted()})"
 
     def __str__(self) -> str:
         worst = float(np.nanmax(self.natural, initial=0.0))
         lines = [
-            f"{repr(self)[len('BatchStep(') : -1]}, in {self.seconds:.3g} s",
+            f"{self._counted()}, in {self.seconds:.3g} s",
             f"largest natural residual  {worst:.1e}",
             *self._not_ok(),
         ]
@@ -462,26 +442,3 @@ def states_of(workspace: Workspace, inputs: Arrays) -> tuple[Array, Array, Array
     for i, _, _ in loose(robot, q0, 1.0 - NORMALISED, 1.0 + NORMALISED):
         q0[i] = normalised(workspace.model, "q", q0[i])
     return q0, inputs["v0"], contiguous(inputs["tau0"], len(q0))
-
-
-@dataclass(frozen=True)
-class SteppedRows:
-    """Kernel in the compiled core for states of a `step_batch`."""
-
-    contacts: tuple[Contact, ...]
-    dt: float  # [s]
-    integrator: Integrator
-
-    def __call__(
-        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
-    ) -> tuple[NDArray[np.intp], Messages]:
-        """Fill the outputs; return the rows that Python has to solve, and no messages."""
-        count = len(inputs["q0"])
-        done, codes = np.zeros(count, np.int32), np.zeros(outputs["codes"].shape, np.int32)
-        contacts_of(workspace, self.contacts).step(
-            *states_of(workspace, inputs), plan=step_plan(self.integrator, self.dt),
-            q=outputs["q"], v=outputs["v"], lam=outputs["lam"], errors=outputs["errors"],
-            modes=codes, done=done, threads=threads, **paths_of(workspace, self.dt),
-        )  # fmt: skip
-        outputs["codes"][:], outputs["statuses"][:] = codes, STATUSES.index(ContactStatus.OK)
-        return left_to_python(workspace, inputs["v0"], outputs, done, self.dt), {}

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, replace
-from math import nan
+from dataclasses import dataclass
+from itertools import chain
 from time import perf_counter
 from typing import Final
 
@@ -13,16 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.rows import MISSING, Batch, Native, Rows, Some
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.rows import Batch, Native, Verb, run
 from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
-from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact.problem import MODES, mode_words
 from condyn_pin.contact.solution import ContactStatus
-from condyn_pin.dynamics.compiled import unsupported
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.errors import CondynError, InvalidArgument, SolveFailed, WorkersLost
+from condyn_pin.errors import CondynError, InvalidArgument, SolveFailed
 from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.base import Route, check_parameters
 from condyn_pin.gradients.routes.linear_steps import falls, rows_with_a_place
@@ -32,15 +30,13 @@ from condyn_pin.gradients.routes.step_derivatives import (
     StepJacobian,
     found_parameters,
 )
-from condyn_pin.simulation.batch.answers import workers
 from condyn_pin.simulation.batch.inputs import Recipe
-from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.records import candidates_of
 from condyn_pin.stepping.batch import (
     STATUSES,
     BatchStep,
-    StepKernel,
+    SteppedRows,
     batch_of_steps,
     contacts_of,
     kinds_of_steps,
@@ -55,9 +51,6 @@ from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 
 _DEFAULT: Final = StewartTrinkle()
 _ACTIVE_SET: Final = ActiveSet()
-
-# Steps a thread of the compiled core that it is handed at a time.
-_STEPS: Final = 500
 
 
 def step_derivatives_batch(
@@ -115,14 +108,7 @@ def step_derivatives_batch(
         raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
     inputs = starts_of_steps(scene, Q, V, TAU, dt, integrator)
     names = check_parameters(route, integrator, wrt)
-    about, recipe = (tuple(scene.contacts), float(dt), integrator), Recipe(scene.bilateral)
-    reasons = (*unsupported_steps(scene, integrator), *unsupported_route(route, names))
-    kernel, executor, chunk = workers(
-        executor, DifferentiatedRows(*about), DerivativesKernel(StepKernel(*about), route, names),
-        reasons=reasons, unsupported=lambda: unsupported(recipe.workspace()), chunk=chunk,
-        most=_STEPS,
-    )  # fmt: skip
-    rows = Rows(kernel, recipe, executor, chunk, 100, progress)
+    recipe = Recipe(scene.bilateral)
 
     def made(outputs: Arrays) -> BatchStepDerivatives:
         taken = batch_of_steps(scene, float(dt), integrator, inputs, begun, outputs)
@@ -133,7 +119,15 @@ def step_derivatives_batch(
             seconds=taken.seconds,
         )  # fmt: skip
 
-    return rows.fill(len(inputs["q0"]), inputs, kinds_of(scene, names), made)
+    steps = SteppedRows(tuple(scene.contacts), float(dt), integrator)
+    return run(
+        DifferentiatedRows(steps, route, names), recipe, inputs, kinds_of(scene, names), made,
+        executor=executor, chunk=chunk, progress=progress,
+        unsupported=chain(
+            unsupported_steps(scene, integrator), unsupported_route(route, names),
+            recipe.unsupported(),
+        ),
+    )  # fmt: skip
 
 
 def kinds_of(scene: Scene, wrt: Sequence[str]) -> dict[str, Kind]:
@@ -148,28 +142,22 @@ def kinds_of(scene: Scene, wrt: Sequence[str]) -> dict[str, Kind]:
 
 
 @dataclass(frozen=True)
-class DerivativesKernel:
-    """The kernel: some rows of states in, their steps and derivatives out."""
+class DifferentiatedRows(Verb):
+    """One step from each state, and its derivatives.
 
-    steps: StepKernel
+    The compiled core has those of `ActiveSet`. Steps that end elsewhere than along straight paths,
+    and those whose modes or rank leave a doubt, are Python's.
+    """
+
+    steps: SteppedRows
     route: Route
     wrt: tuple[str, ...]
+    most = 100
+    most_of_core = 500
 
-    def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
-        """Take the steps and differentiate them; return why there is nothing of some states."""
-        reasons = {}
-        for i in range(len(inputs["q0"])):
-            reason = self._row(workspace, inputs, outputs, i)
-            if reason:
-                reasons[i] = reason
-                for name in ("q_end", "v_end", "dq", "dv", "margins"):
-                    outputs[name][i] = nan
-                outputs["read"][i] = 0
-        return reasons
-
-    def _row(self, workspace: Workspace, inputs: Arrays, outputs: Arrays, i: int) -> str:
-        """Fill row i; return why it has no derivatives, if it has none."""
-        taken = self.steps.take(workspace, inputs, outputs, i)
+    def row(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> str:
+        """Take the step of one state, differentiate it; return why it has no derivatives."""
+        taken = self.steps.take(workspace, inputs, outputs)
         if isinstance(taken, CondynError):
             return str(taken)
         if not taken.status.ok:
@@ -179,17 +167,45 @@ class DerivativesKernel:
             of = taken.derivatives(route=self.route, wrt=self.wrt)
         except CondynError as error:
             return str(error)
-        outputs["q_end"][i], outputs["v_end"][i], outputs["margins"][i] = of.q, of.v, of.margin
-        outputs["dq"][i], outputs["dv"][i] = of.matrices
-        outputs["read"][i] = [MODES.index(mode) for mode in of.modes.values()]
+        outputs["q_end"][...], outputs["v_end"][...], outputs["margins"][...] = (
+            of.q,
+            of.v,
+            of.margin,
+        )
+        outputs["dq"][...], outputs["dv"][...] = of.matrices
+        outputs["read"][...] = [MODES.index(mode) for mode in of.modes.values()]
         return ""
+
+    def core(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Take the steps and differentiate them; return those that are left."""
+        steps = self.steps
+        count, shape = len(inputs["q0"]), outputs["codes"].shape
+        done, codes, read = np.zeros(count, np.int32), *np.zeros((2, *shape), np.int32)
+        contacts_of(workspace, steps.contacts).differentiate(
+            *states_of(workspace, inputs), plan=rounded_plan(steps.integrator, steps.dt),
+            polished=tolerances.CONTACT_POLISHED, falls=falls(workspace.model, steps.dt),
+            placed=rows_with_a_place(workspace.bounds),
+            q=outputs["q"], v=outputs["v"], lam=outputs["lam"], errors=outputs["errors"],
+            modes=codes, done=done, dq=outputs["dq"], dv=outputs["dv"], margins=outputs["margins"],
+            read_modes=read, threads=threads, **paths_of(workspace, steps.dt),
+        )  # fmt: skip
+        outputs["codes"][:], outputs["read"][:] = codes, read
+        outputs["q_end"][:], outputs["v_end"][:] = outputs["q"], outputs["v"]
+        outputs["statuses"][:] = STATUSES.index(ContactStatus.OK)
+        return left_to_python(workspace, inputs["v0"], outputs, done, steps.dt), {}
+
+
+def unsupported_route(route: Route, wrt: Sequence[str]) -> Iterator[str]:
+    """Reasons why the core cannot follow a route to derivatives, in words."""
+    if type(route) is not ActiveSet:
+        yield f"route = {route!r}: it has ActiveSet() alone"
+    if "inertias" in wrt:
+        yield "wrt: it has no derivatives by inertias"
 
 
 # BatchStepDerivatives: how the ends of steps with contacts change, at many states.
-
-
-# The arrays with a row a state, beside those of the steps.
-ROWS: Final = ("q", "v", "dq", "dv", "codes", "margins", "reasons")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -234,6 +250,8 @@ class BatchStepDerivatives(StepJacobian, Batch[StepDerivatives]):
     reasons: NDArray[np.object_]
     seconds: float  # [s]
 
+    _rows = ("q", "v", "dq", "dv", "codes", "margins", "reasons", "step")
+
     @property
     def failed(self) -> NDArray[np.intp]:
         """Indices of the states without derivatives, missing ones among them."""
@@ -267,16 +285,8 @@ class BatchStepDerivatives(StepJacobian, Batch[StepDerivatives]):
         """Derivatives of q+ and of v+, `dq` and `dv`."""
         return self.dq, self.dv
 
-    def __len__(self) -> int:
-        return len(self.margins)
-
-    def _some(self, rows: Some) -> BatchStepDerivatives:
-        some = {name: read_only(getattr(self, name)[rows]) for name in ROWS}
-        return replace(self, step=self.step[rows], **some)
-
     def _one(self, i: int) -> StepDerivatives:
-        if self.step.statuses[i] == MISSING:
-            raise WorkersLost(f"no worker got to state {i}; `missing` has all of them", self)
+        self._check_found(i, self.step.statuses)
         if np.isnan(self.margins[i]):
             raise SolveFailed(f"state {i}: {self.reasons[i]}", None)
         names = candidates_of(self.step.scene).names
@@ -291,45 +301,3 @@ class BatchStepDerivatives(StepJacobian, Batch[StepDerivatives]):
         sided = int(self.one_sided.sum())
         sides = f", {sided} one-sided" if sided else ""
         return f"BatchStepDerivatives({self.route!r}: {len(self)} states{missing}{sides})"
-
-
-# Derivatives of steps with contacts by the compiled core: those of `ActiveSet`.
-#
-# Steps that end elsewhere than along straight paths, and those whose modes or rank leave a doubt,
-# are Python's.
-
-
-def unsupported_route(route: Route, wrt: Sequence[str]) -> Iterator[str]:
-    """Reasons why the core cannot follow a route to derivatives, in words."""
-    if type(route) is not ActiveSet:
-        yield f"route = {route!r}: it has ActiveSet() alone"
-    if "inertias" in wrt:
-        yield "wrt: it has no derivatives by inertias"
-
-
-@dataclass(frozen=True)
-class DifferentiatedRows:
-    """Kernel in the compiled core for states of a `step_derivatives_batch`."""
-
-    contacts: tuple[Contact, ...]
-    dt: float  # [s]
-    integrator: Integrator
-
-    def __call__(
-        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
-    ) -> tuple[NDArray[np.intp], Messages]:
-        """Fill the outputs; return the rows that Python has to solve, and no messages."""
-        count, shape = len(inputs["q0"]), outputs["codes"].shape
-        done, codes, read = np.zeros(count, np.int32), *np.zeros((2, *shape), np.int32)
-        contacts_of(workspace, self.contacts).differentiate(
-            *states_of(workspace, inputs), plan=rounded_plan(self.integrator, self.dt),
-            polished=tolerances.CONTACT_POLISHED, falls=falls(workspace.model, self.dt),
-            placed=rows_with_a_place(workspace.bounds),
-            q=outputs["q"], v=outputs["v"], lam=outputs["lam"], errors=outputs["errors"],
-            modes=codes, done=done, dq=outputs["dq"], dv=outputs["dv"], margins=outputs["margins"],
-            read_modes=read, threads=threads, **paths_of(workspace, self.dt),
-        )  # fmt: skip
-        outputs["codes"][:], outputs["read"][:] = codes, read
-        outputs["q_end"][:], outputs["v_end"][:] = outputs["q"], outputs["v"]
-        outputs["statuses"][:] = STATUSES.index(ContactStatus.OK)
-        return left_to_python(workspace, inputs["v0"], outputs, done, self.dt), {}

@@ -2,40 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
-from contextlib import closing
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
-from math import nan
 from time import perf_counter
-from typing import Final, NamedTuple
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core.arguments import check_accuracy_of_a, check_count
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.compiled import compiled
-from condyn_pin._core.rows import Native, Rows
-from condyn_pin._core.work import Arrays, Kernel, Kind, Messages, Progress, in_flight, silent
+from condyn_pin._core.rows import Native, Verb, run
+from condyn_pin._core.work import Arrays, Kind, Messages, Progress, map_chunks, silent
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.dynamics.compiled import refuse, unsupported, unsupported_method
+from condyn_pin.dynamics.compiled import unsupported_method
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.errors import (
-    InvalidArgument,
-    MissingExtra,
-    SolveFailed,
-    UnsupportedBackend,
-    unknown_name,
-)
+from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin.mechanism.projection import check_generator, sample
 from condyn_pin.simulation.batch.inputs import PickledRecipe, Recipe, RowForces, check_states, split
 from condyn_pin.simulation.batch.solution import STATUSES, BatchDerivatives, BatchSolution
@@ -114,17 +105,13 @@ def solve_batch(
     write arrays in shared memory (Linux); other workers are sent copies of their rows.
     """
     start = perf_counter()
-    inputs, count = _inputs(scene, Q, V, TAU, accuracy)
-    applied, of_rows, more = split(scene.robot, forces, count)
+    inputs, applied, of_rows = _inputs(scene, Q, V, TAU, forces, accuracy)
     recipe = Recipe(scene, solver, drift)
-    python = partial(answer_rows, None, accuracy, of_rows)
-    kernel, executor, chunk = workers(
-        executor, partial(by_core, False, accuracy, of_rows), python, reasons=(),
-        unsupported=lambda: unsupported(recipe.workspace()), chunk=chunk, most=2000,
+    return run(
+        SolvedRows(accuracy, of_rows), recipe, inputs, _of_solution(scene),
+        partial(_solution, recipe, inputs, applied, start), executor=executor, chunk=chunk,
+        progress=progress, unsupported=recipe.unsupported(),
     )  # fmt: skip
-    rows = Rows(kernel, recipe, executor, chunk, 1000, progress)
-    batch = partial(_batch, recipe, inputs, applied, start)
-    return rows.fill(count, inputs | more, _of_solution(scene), batch)
 
 
 def derivatives_batch(
@@ -174,29 +161,31 @@ def derivatives_batch(
     start = perf_counter()
     if method not in METHODS:
         raise unknown_name("method", str(method), METHODS)
-    inputs, count = _inputs(scene, Q, V, TAU, accuracy)
-    applied, of_rows, more = split(scene.robot, forces, count)
+    inputs, applied, of_rows = _inputs(scene, Q, V, TAU, forces, accuracy)
     recipe = Recipe(scene, solver, drift)
-    python = partial(answer_rows, method, accuracy, of_rows)
-    kernel, executor, chunk = workers(
-        executor, partial(by_core, True, accuracy, of_rows), python,
-        reasons=unsupported_method(method), unsupported=lambda: unsupported(recipe.workspace()),
-        chunk=chunk, most=500,
+
+    def batch(outputs: Arrays) -> BatchDerivatives:
+        solution = _solution(recipe, inputs, applied, start, outputs)
+        blocks = {name: outputs[name] for name in BLOCKS}
+        return BatchDerivatives(solution, **blocks, seconds=solution.seconds)
+
+    return run(
+        DifferentiatedRows(accuracy, of_rows, method), recipe, inputs,
+        _of_solution(scene) | _of_derivatives(scene), batch, executor=executor, chunk=chunk,
+        progress=progress, unsupported=chain(unsupported_method(method), recipe.unsupported()),
     )  # fmt: skip
-    rows = Rows(kernel, recipe, executor, chunk, 100, progress)
-    kinds = _of_solution(scene) | _of_derivatives(scene)
-    batch = partial(_derivatives, recipe, inputs, applied, start)
-    return rows.fill(count, inputs | more, kinds, batch)
 
 
 def _inputs(
-    scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, accuracy: float | None
-) -> tuple[Arrays, int]:
+    scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, forces: Sequence[AppliedForce],
+    accuracy: float | None,
+) -> tuple[Arrays, tuple[AppliedForce, ...], RowForces]:  # fmt: skip
     check_scene(scene)
     if accuracy is not None:
         check_accuracy_of_a(accuracy)
     q, v, tau = check_states(scene.robot, Q, V, TAU)
-    return {"q": q, "v": v, "tau": tau}, len(q)
+    applied, of_rows, more = split(scene.robot, forces, len(q))
+    return {"q": q, "v": v, "tau": tau} | more, applied, of_rows
 
 
 def _of_solution(scene: Scene) -> dict[str, Kind]:
@@ -216,7 +205,7 @@ def _of_derivatives(scene: Scene) -> dict[str, Kind]:
     return {name: Kind((n if name.startswith("da") else m, n)) for name in BLOCKS}
 
 
-def _batch(
+def _solution(
     recipe: Recipe, inputs: Arrays, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
 ) -> BatchSolution:
     """Return the outputs as a value."""
@@ -227,14 +216,6 @@ def _batch(
     q, v, tau = (read_only(each.copy()) for each in (q, v, tau))
     seconds = perf_counter() - start
     return BatchSolution(scene, q, v, tau, **parts, seconds=seconds, applied=applied, drift=drift)
-
-
-def _derivatives(
-    recipe: Recipe, inputs: Arrays, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
-) -> BatchDerivatives:
-    solution = _batch(recipe, inputs, applied, start, outputs)
-    blocks = {name: outputs[name] for name in BLOCKS}
-    return BatchDerivatives(solution, **blocks, seconds=solution.seconds)
 
 
 # Many random states that satisfy the constraints, over an executor.
@@ -299,14 +280,10 @@ def sample_batch(
     Q, V = np.zeros((n, scene.robot.nq)), np.zeros((n, scene.robot.nv))
     where = scene if executor is None else Recipe(scene).pickled()
     work = partial(_sample, where, spread, speed)
-    starts = range(0, n, _CHUNK)
-    chunks = in_flight(
-        work, len(starts), lambda i, _: streams[starts[i] : starts[i] + _CHUNK], executor
-    )
-    with closing(chunks):
-        for i, (q, v) in chunks:
-            rows = slice(starts[i], starts[i] + len(q))
-            Q[rows], V[rows] = q, v
+    chunks = [streams[i : i + _CHUNK] for i in range(0, n, _CHUNK)]
+    for i, (q, v) in map_chunks(work, chunks, executor=executor):
+        rows = slice(i * _CHUNK, i * _CHUNK + len(q))
+        Q[rows], V[rows] = q, v
     return Q, V
 
 
@@ -318,146 +295,69 @@ def _sample(
     return np.array([q for q, _ in states]), np.array([v for _, v in states])
 
 
-# What a worker does to some rows of a batch: it solves, and differentiates, state by state.
-
-
-_CODES: Final = {status: code for code, status in enumerate(STATUSES)}
-
-
-def answer_rows(
-    method: str | None,
-    accuracy: float | None,
-    forces: RowForces,
-    workspace: Workspace,
-    inputs: Arrays,
-    outputs: Arrays,
-) -> Messages:
-    """Solve some rows, and differentiate them if there is a method for it."""
-    q, v, tau = inputs["q"], inputs["v"], inputs["tau"]
-    for i, state in enumerate(zip(q, v, np.broadcast_to(tau, v.shape), strict=True)):
-        applied = forces.at(inputs, i)
-        if method is None:
-            solution = workspace.solve(*state, forces=applied, accuracy=accuracy, throw=False)
-            _put(outputs, i, solution)
-            continue
-        try:
-            found = workspace.derivatives(*state, forces=applied, method=method, accuracy=accuracy)
-        except SolveFailed as failed:
-            _put(outputs, i, failed.solution)
-            for name in BLOCKS:
-                outputs[name][i] = nan
-        else:
-            _put(outputs, i, found.solution)
-            for name in BLOCKS:
-                outputs[name][i] = getattr(found, name)
-    return {}
-
-
-def by_core(
-    differentiates: bool,
-    accuracy: float | None,
-    forces: RowForces,
-    workspace: Workspace,
-    inputs: Arrays,
-    outputs: Arrays,
-    threads: int,
-) -> tuple[NDArray[np.intp], Messages]:
-    """Answer some rows by the compiled core; return those that are left."""
-    core = workspace.compiled
-    work = core.differentiate if differentiates else core.solve
-    state = inputs["q"], inputs["v"], inputs["tau"]
-    applied = forces.of_all(inputs)
-    return work(state, outputs, accuracy=accuracy, threads=threads, forces=applied), {}
-
-
-def _put(outputs: Arrays, i: int, solution: Solution) -> None:
-    for name in ("a", "lam", "residuals", "iterations"):
-        outputs[name][i] = getattr(solution, name)
-    outputs["statuses"][i] = _CODES[solution.status]
-    outputs["solve_times"][i] = solution.solve_time
-
-
-# Rows of a batch by the compiled core; those that it leaves, and what it does not take, by Python.
-#
-# A kernel like any other, so that chunks, executors, progress and interrupts are those of all
-# batches: the core works on the rows of a chunk with its threads.
-
-
-# What the core of a workspace does to the rows of a chunk with some threads: those that it leaves,
-# and what there is to say of others.
-Work = Callable[[Workspace, Arrays, Arrays, int], tuple[NDArray[np.intp], Messages]]
+# What is done to the rows of a batch: they are solved, and differentiated.
 
 
 @dataclass(frozen=True)
-class CompiledRows:
-    """The kernel: `work` by the core of a workspace, what is left by the kernel in `python`."""
+class SolvedRows(Verb):
+    """Solution at each state."""
 
-    work: Work
-    python: Kernel
-    threads: int
+    accuracy: float | None
+    forces: RowForces
 
-    def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
-        """Fill the outputs; return the messages of the rows."""
-        left, said = self.work(workspace, inputs, outputs, self.threads)
-        if not left.size:
-            return said
-        some = {name: x if x.ndim == 1 else x[left] for name, x in inputs.items()}
-        found = {name: x[left] for name, x in outputs.items()}
-        words = self.python(workspace, some, found)
-        for name, x in found.items():
-            outputs[name][left] = x
-        return said | {int(left[i]): text for i, text in words.items()}
+    def row(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> str:
+        """Solve one row; no status needs words."""
+        state, forces = _state(inputs), self.forces.of(inputs)
+        _put(outputs, workspace.solve(*state, forces=forces, accuracy=self.accuracy, throw=False))
+        return ""
 
+    def core(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Solve the rows; return those that are left."""
+        return self._by(workspace.compiled.solve, inputs, outputs, threads), {}
 
-class Workers(NamedTuple):
-    """Kernel and executor of a batch, and the number of rows in a chunk."""
-
-    kernel: Kernel
-    executor: Executor | None
-    chunk: int | None
+    def _by(
+        self, work: Callable[..., NDArray[np.intp]], inputs: Arrays, outputs: Arrays, threads: int
+    ) -> NDArray[np.intp]:
+        forces = self.forces.of(inputs)
+        return work(_state(inputs), outputs, accuracy=self.accuracy, threads=threads, forces=forces)
 
 
-def workers(
-    executor: Executor | Native | None, work: Work, python: Kernel, *, reasons: Iterable[str],
-    unsupported: Callable[[], Iterable[str]], chunk: int | None, most: int,
-) -> Workers:  # fmt: skip
-    """Kernel, executor and chunk size of a batch: the compiled core, or Python.
+@dataclass(frozen=True)
+class DifferentiatedRows(SolvedRows):
+    """Solution and derivatives at each state."""
 
-    Parameters
-    ----------
-    executor : Executor or Native or None
-        Argument of the user.
-    work, python : callable
-        Work of the core, and kernel in Python.
-    reasons : iterable of str
-        Reasons why the core cannot solve the batch, if there are any.
-    unsupported : callable
-        Returns the reasons in the workspace itself; called where there is no other reason.
-    chunk : int or None
-        Argument of the user.
-    most : int
-        Rows that are handed to the threads of this process at a time, unless there is a `chunk`.
+    method: str
+    most = 100
+    most_of_core = 500
 
-    Raises
-    ------
-    UnsupportedBackend
-        If the core cannot solve the batch.
-    MissingExtra
-        If the core is not installed.
-    """
-    if not isinstance(executor, Native):
-        return Workers(python, executor, chunk)
-    try:
-        compiled()
-        refuse(chain(reasons, _later(unsupported)))
-    except (UnsupportedBackend, MissingExtra):
-        if not executor.where_possible:
-            raise
-        return Workers(python, executor.executor, chunk)
-    if executor.executor is None and chunk is None:
-        chunk = most * executor.at_work
-    return Workers(CompiledRows(work, python, executor.at_work), executor.executor, chunk)
+    def row(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> str:
+        """Solve and differentiate one row; where that fails there are no derivatives."""
+        about = {"forces": self.forces.of(inputs), "accuracy": self.accuracy}
+        try:
+            found = workspace.derivatives(*_state(inputs), method=self.method, **about)
+        except SolveFailed as failed:
+            _put(outputs, failed.solution)
+        else:
+            _put(outputs, found.solution)
+            for name in BLOCKS:
+                outputs[name][...] = getattr(found, name)
+        return ""
+
+    def core(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Solve and differentiate the rows; return those that are left."""
+        return self._by(workspace.compiled.differentiate, inputs, outputs, threads), {}
 
 
-def _later(unsupported: Callable[[], Iterable[str]]) -> Iterable[str]:
-    yield from unsupported()
+def _state(inputs: Arrays) -> tuple[Array, Array, Array]:
+    return inputs["q"], inputs["v"], inputs["tau"]
+
+
+def _put(outputs: Arrays, solution: Solution) -> None:
+    for name in ("a", "lam", "residuals", "iterations"):
+        outputs[name][...] = getattr(solution, name)
+    outputs["statuses"][...] = STATUSES.index(solution.status)
+    outputs["solve_times"][...] = solution.solve_time

@@ -19,6 +19,7 @@ from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
+from condyn_pin.dynamics.compiled import unsupported
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.verbs import workspace_for
@@ -82,20 +83,11 @@ class RowForces:
         tuple[int, str], ...
     ] = ()  # which have one row per state, and the name of the input
 
-    def of_all(self, inputs: Arrays) -> tuple[AppliedForce, ...]:
-        """Return the forces at all states of some inputs, with their rows."""
+    def of(self, inputs: Arrays) -> tuple[AppliedForce, ...]:
+        """Return the forces of some inputs: those of one state, or of many with their rows."""
         found = list(self.forces)
         for k, name in self.rows:
             found[k] = AppliedForce(found[k].frame, inputs[name], found[k].frame_of)
-        return tuple(found)
-
-    def at(self, inputs: Arrays, i: int) -> tuple[AppliedForce, ...]:
-        """Return the forces at state i of some inputs."""
-        if not self.rows:
-            return self.forces
-        found = list(self.forces)
-        for k, name in self.rows:
-            found[k] = AppliedForce(found[k].frame, inputs[name][i], found[k].frame_of)
         return tuple(found)
 
 
@@ -176,6 +168,10 @@ class Recipe:
     def workspace(self) -> Workspace:
         """Workspace of this thread for the scene, solver and drift control."""
         return workspace_for(self.scene, self.solver, self.drift)
+
+    def unsupported(self) -> Iterator[str]:
+        """Reasons why the compiled core cannot solve the scene."""
+        yield from unsupported(self.workspace())
 
     def pickled(self) -> PickledRecipe:
         """Return the recipe as it travels; InvalidArgument if it is of a class that cannot."""

@@ -6,7 +6,6 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
-from math import nan
 from time import perf_counter
 from typing import Any, Final
 
@@ -17,13 +16,12 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.rows import Native, Rows
+from condyn_pin._core.rows import Native, Verb, run
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays, Messages, Progress, silent
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.constraints.drift import Baumgarte, Drift
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.dynamics import compiled
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.proximal import Proximal
@@ -31,7 +29,6 @@ from condyn_pin.dynamics.workspace import LARGEST, Workspace
 from condyn_pin.errors import CondynError, NotAssembled, SolveFailed, StepFailed
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import with_anchors
-from condyn_pin.simulation.batch.answers import Work, workers
 from condyn_pin.simulation.batch.inputs import (
     Recipe,
     RowForces,
@@ -73,9 +70,6 @@ _APART: Final = 10
 
 # A chunk that takes about a tenth of a second, for steps of some microseconds a solve.
 _SOLVES: Final = 10_000
-
-# Motions a thread of the compiled core that it is handed at a time.
-_MOTIONS: Final = 16
 
 
 def simulate_batch(
@@ -150,53 +144,32 @@ def simulate_batch(
     """
     begun = perf_counter()
     function = TAU if callable(TAU) else None
-    every = 1 if record is None else record
-    limits = check_limits(limits)
-    motions = Motions(
-        function=function,
-        jacobian=jacobian,
-        duration=duration,
-        dt=dt,
-        integrator=integrator,
-        drift=drift,
-        solver=solver,
-        every=every,
-        limits=limits,
-    )
-    planned = motions.plan(scene)
+    planned = plan(
+        scene, function or 0.0, duration=duration, dt=dt, integrator=integrator, drift=drift,
+        solver=solver, record=1 if record is None else record, jacobian=jacobian,
+        limits=check_limits(limits),
+    )  # fmt: skip
     every = max(planned.steps // _LOOKS, _APART) if record is None else record
     given: ArrayLike = 0.0 if function is not None else TAU  # type: ignore[assignment]
     q, v, tau = check_states(scene.robot, Q0, V0, given, suffix="0")
     applied, of_rows, more = split(scene.robot, forces, len(q), functions=True)
-    motions = replace(motions, every=every, forces=of_rows, contacts=tuple(scene.contacts))
     most = max(1, int(_SOLVES / planned.steps / max(planned.integrator.solves_per_step, 1)))
+    motions = Motions(
+        function=function, jacobian=jacobian, duration=duration, dt=planned.dt,
+        integrator=planned.integrator, drift=planned.drift, solver=solver, steps=planned.steps,
+        every=every, limits=planned.limits, forces=of_rows, contacts=tuple(scene.contacts),
+        most=most,
+    )  # fmt: skip
     held = _begun(scene.bilateral)
     recipe = Recipe(held, solver)
     if isinstance(executor, Native):  # whose workspace is that of the motions
         recipe = Recipe(held, solver or default_solver(held), planned.drift.rows)
-    moved: Work = MovedRows(
-        planned.integrator, planned.drift, planned.dt, planned.steps, every, limits
-    )
-    if scene.contacts:
-        moved = SteppedMotions(
-            tuple(scene.contacts), planned.integrator, planned.dt, planned.steps, every, limits
-        )
-    kernel, executor, chunk = workers(
-        executor, moved, motions, reasons=unsupported(planned, bool(applied)),
-        unsupported=lambda: unsupported_by_core(recipe.workspace(), planned), chunk=chunk,
-        most=_MOTIONS,
+    return run(
+        motions, recipe, {"q0": q, "v0": v, "tau0": tau} | more,
+        kinds_of(scene, 0 if record is None else motions.kept), partial(_batch, planned, begun),
+        executor=executor, chunk=chunk, progress=progress,
+        unsupported=unsupported(planned, recipe, bool(applied)),
     )  # fmt: skip
-    rows = Rows(kernel, recipe, executor, chunk, most, progress)
-    kinds = kinds_of(scene, 0 if record is None else len(range(0, planned.steps, every)) + 1)
-    inputs = {"q0": q, "v0": v, "tau0": tau} | more
-    return rows.fill(len(q), inputs, kinds, partial(_batch, planned, begun))
-
-
-def unsupported_by_core(workspace: Workspace, planned: Plan) -> Iterator[str]:
-    """Reasons why the compiled core cannot simulate a workspace."""
-    yield from compiled.unsupported(workspace)
-    if not planned.scene.contacts:  # whose steps have the rows of the scene themselves
-        yield from unsupported_rows(workspace, planned.drift)
 
 
 _started = ThreadCache[Scene]()
@@ -221,27 +194,33 @@ def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:
 # Motions: what a worker does with its rows of a `simulate_batch`.
 
 
-_CODES: Final = {status: code for code, status in enumerate(RUN_STATUSES)}
-
 # What `simulate` raises of a state that no motion begins at.
 _CANNOT_BEGIN: Final = (NotAssembled, SolveFailed, StepFailed)
 
 
 @dataclass(frozen=True)
-class Motions:
-    """The kernel: some rows of states in, their motions out."""
+class Motions(Verb):
+    """Motions from some states."""
 
     function: Torque | None = field(compare=False)  # its == may be that of arrays
     jacobian: TorqueJacobian | None = field(compare=False)
     duration: float  # [s]
     dt: float  # [s]
-    integrator: Integrator | None
-    drift: Drift | None
+    integrator: Integrator
+    drift: Drift
     solver: Solver | None
-    every: int = 1
-    limits: MotionLimits = field(default_factory=MotionLimits)
+    steps: int
+    every: int
+    limits: MotionLimits
     forces: RowForces = field(default_factory=RowForces)
     contacts: tuple[Contact, ...] = ()  # of the scene: workspaces hold none
+    most: int = 1
+    most_of_core = 16
+
+    @property
+    def kept(self) -> int:
+        """Number of samples of a motion that goes to its end."""
+        return len(range(0, self.steps, self.every)) + 1
 
     def plan(self, scene: Scene) -> Plan:
         """Return the plan of the first of them."""
@@ -253,25 +232,96 @@ class Motions:
         )  # fmt: skip
         return replace(planned, at_events=False)  # as many samples of each motion
 
-    def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
-        """Simulate the rows; return why those ended early that did."""
+    def row(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> str:
+        """Simulate one motion; return why it ended early."""
+        begun, q, v = perf_counter(), inputs["q0"], inputs["v0"]
         # functions are not compared: their == may be that of arrays
         asked = self, id(self.function), id(self.jacobian)
         runner = _runners.of(workspace, asked, lambda: _Runner(self, workspace))
-        tau, words = inputs["tau0"], {}
-        for i, (q, v) in enumerate(zip(inputs["q0"], inputs["v0"], strict=True)):
-            begun = perf_counter()
-            try:
-                torques = tau if tau.ndim == 1 else tau[i]
-                trajectory = runner.run(q, v, torques, self.forces.at(inputs, i))
-            except _CANNOT_BEGIN as error:
-                words[i] = str(error)
-                _put_nothing(outputs, i, q, v)
-            else:
-                words |= {i: trajectory.reason} if trajectory.reason else {}
-                _put(outputs, i, trajectory)
-            outputs["run_times"][i] = perf_counter() - begun
-        return words
+        try:
+            found = runner.run(q, v, inputs["tau0"], self.forces.of(inputs))
+        except _CANNOT_BEGIN as error:
+            outputs["q"][...], outputs["v"][...], outputs["t"][...] = q, v, 0.0
+            outputs["statuses"][...] = RUN_STATUSES.index(RunStatus.FAILED)
+            reason = str(error)
+        else:
+            _put(outputs, found)
+            reason = found.reason
+        outputs["run_times"][...] = perf_counter() - begun
+        return reason
+
+    def core(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Simulate the motions; return those that are left, and why others are not ok."""
+        work = self._with_contacts if self.contacts else self._without_contacts
+        return work(workspace, inputs, outputs, threads)
+
+    def _without_contacts(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> tuple[NDArray[np.intp], Messages]:
+        model, count = workspace.model, len(inputs["q0"])
+        kept, nv = self.kept, workspace.model.nv
+        drives = driven_path_of(workspace, self.dt, self.steps)
+        # what a drive does is the work of its forces; that of dampers has accelerations in it
+        damped = is_accurate(self.integrator) and workspace.model.damping.any()
+        answers = kept if "samples_a" in outputs or drives.rows.size or damped else 0
+        q0, v0, tau = states_of(workspace, inputs)
+        found = {
+            "t": np.zeros((count, kept)),
+            "q": np.zeros((count, kept, model.nq)),
+            "v": np.zeros((count, kept, nv)),
+            "a": np.zeros((count, answers, nv)),
+            "lam": np.zeros((count, answers, workspace.scene.rows)),
+            "measures": np.zeros((count, kept, MEASURED)),
+        }
+        done = np.zeros(count, np.int32)
+        corrects = self.drift.every if isinstance(self.drift, PostStabilization) else 0
+        rank = chains_of(workspace.scene).rank if corrects and workspace.scene.rows else 0
+        closed, reach = tolerances.NEARLY_CLOSED / 10, Manifold(model).reach
+        limits = closed, LARGEST, LOST, reach, rank, tolerances.OUT_OF_REACH
+        workspace.compiled.core.simulate(
+            q0, v0, tau, integrator=_INTEGRATORS[self.integrator], dt=self.dt,
+            steps=self.steps, every=self.every, correct_every=corrects, with_answers=answers > 0,
+            limits=np.array(limits, float), driven=drives.rows, path=drives.wanted,
+            **found, done=done, times=outputs["run_times"], threads=threads,
+        )  # fmt: skip
+        if drives.rows.size:
+            found["driven"] = drives.power(found["lam"], self.every)
+        words = put_motions(
+            outputs, np.flatnonzero(done), found, tau, workspace.scene, workspace.solver, self
+        )
+        return np.flatnonzero(done == 0), words
+
+    def _with_contacts(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Simulate in the core; after a step in Python, a motion continues there."""
+        q, v, tau = states_of(workspace, inputs)
+        ways = _Ways(self, workspace, outputs, q, v.copy())
+        core = contacts_of(workspace, self.contacts)
+        outputs["run_times"][:] = 0.0
+        ahead = self.steps % self.every > 0  # the last sample is that of a step not taken
+        paths = driven_path_of(workspace, self.dt, self.steps + ahead)
+        python = None
+        while True:
+            core.simulate(
+                step=ways.step, Q=ways.q, V=ways.v, works=ways.works, TAU=tau,
+                plan=step_plan(self.integrator, self.dt), steps=self.steps, every=self.every,
+                closed=tolerances.NEARLY_CLOSED / 10, lost=LOST, **ways.found, done=ways.done,
+                times=outputs["run_times"], driven=paths.rows, path=paths.wanted, threads=threads,
+            )  # fmt: skip
+            stopped = np.flatnonzero((ways.done == 0) & (ways.step >= 0))
+            if not stopped.size:
+                break
+            python = python or _Steps(self, workspace)
+            for i in stopped:
+                python.take(ways, int(i), tau[i])
+        scene = replace(workspace.scene, contacts=self.contacts)
+        words = put_motions(
+            outputs, np.flatnonzero(ways.done), ways.found, tau, scene, workspace.solver, self
+        )
+        return np.flatnonzero(ways.done == 0), words
 
 
 class _Runner:
@@ -310,7 +360,7 @@ def _start(workspace: Workspace, q: Array, v: Array, plan: Plan) -> tuple[Array,
     return start(workspace.scene, q, v, plan)
 
 
-def _put(outputs: Arrays, i: int, found: Trajectory) -> None:
+def _put(outputs: Arrays, found: Trajectory) -> None:
     ends = {
         "t": found.t[-1],
         "q": found.q[-1],
@@ -318,24 +368,14 @@ def _put(outputs: Arrays, i: int, found: Trajectory) -> None:
         "violation": found.violation.max(),
         "constraint_velocity": found.constraint_velocity.max(),
         "energy_error": np.abs(found.energy.error).max(),
-        "statuses": _CODES[found.status],
+        "statuses": RUN_STATUSES.index(found.status),
     }
     for name, value in ends.items():
-        outputs[name][i] = value
+        outputs[name][...] = value
     if samples := samples_in(outputs):
         for name, kept in samples.arrays.items():
             its = getattr(found, name)
-            kept[i, : len(found)] = its.columns if name == "contact" else its
-            kept[i, len(found) :] = nan
-
-
-def _put_nothing(outputs: Arrays, i: int, q: Array, v: Array) -> None:
-    """Put the status of a motion that could not begin."""
-    for name, array in outputs.items():
-        if name != "statuses":
-            array[i] = nan
-    outputs["q"][i], outputs["v"][i], outputs["t"][i] = q, v, 0.0
-    outputs["statuses"][i] = _CODES[RunStatus.FAILED]
+            kept[: len(found)] = its.columns if name == "contact" else its
 
 
 # Motions by the compiled core: which it takes, and what becomes of its samples.
@@ -358,7 +398,7 @@ _INTEGRATORS: Final[dict[Integrator, int]] = {
 MEASURED: Final = 6
 
 
-def unsupported(plan: Plan, forces: bool) -> Iterator[str]:
+def unsupported(plan: Plan, recipe: Recipe, forces: bool) -> Iterator[str]:
     """Reasons why the core cannot follow a plan, in words."""
     if plan.tau.constant is None or forces:
         what = "TAU is a function" if plan.tau.constant is None else "there are forces from outside"
@@ -367,12 +407,15 @@ def unsupported(plan: Plan, forces: bool) -> Iterator[str]:
         yield from unsupported_steps(plan.scene, plan.integrator)
         if not isinstance(plan.drift, NoDrift):
             yield f"drift = {plan.drift!r}: with contacts it has NoDrift alone"
+        yield from recipe.unsupported()
         return
     if plan.integrator not in _INTEGRATORS:
         known = ", ".join(dict.fromkeys(type(each).__name__ for each in _INTEGRATORS))
         yield f"integrator = {plan.integrator!r}: it has {known}"
     if not isinstance(plan.drift, NoDrift | Baumgarte | PostStabilization):
         yield f"drift = {plan.drift!r}: it has NoDrift, Baumgarte and PostStabilization"
+    yield from recipe.unsupported()
+    yield from unsupported_rows(recipe.workspace(), plan.drift)
 
 
 def unsupported_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
@@ -390,68 +433,10 @@ def unsupported_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
         yield f"drift = {drift!r}: it corrects by the factor of a solve, in the metric of M"
 
 
-@dataclass(frozen=True)
-class MovedRows:
-    """Kernel in the compiled core for motions of a `simulate_batch` without contacts."""
-
-    integrator: Integrator
-    drift: Drift
-    dt: float  # [s]
-    steps: int
-    every: int
-    limits: MotionLimits
-
-    def __call__(
-        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
-    ) -> tuple[NDArray[np.intp], Messages]:
-        """Fill the outputs; return the rows left for Python, and messages of failed ones."""
-        model, count = workspace.model, len(inputs["q0"])
-        kept, nv = len(range(0, self.steps, self.every)) + 1, workspace.model.nv
-        drives = driven_path_of(workspace, self.dt, self.steps)
-        # what a drive does is the work of its forces; that of dampers has accelerations in it
-        damped = is_accurate(self.integrator) and workspace.model.damping.any()
-        answers = kept if "samples_a" in outputs or drives.rows.size or damped else 0
-        q0, v0, tau = states_of(workspace, inputs)
-        found = {
-            "t": np.zeros((count, kept)),
-            "q": np.zeros((count, kept, model.nq)),
-            "v": np.zeros((count, kept, nv)),
-            "a": np.zeros((count, answers, nv)),
-            "lam": np.zeros((count, answers, workspace.scene.rows)),
-            "measures": np.zeros((count, kept, MEASURED)),
-        }
-        done = np.zeros(count, np.int32)
-        corrects = self.drift.every if isinstance(self.drift, PostStabilization) else 0
-        rank = chains_of(workspace.scene).rank if corrects and workspace.scene.rows else 0
-        closed, reach = tolerances.NEARLY_CLOSED / 10, Manifold(model).reach
-        limits = closed, LARGEST, LOST, reach, rank, tolerances.OUT_OF_REACH
-        workspace.compiled.core.simulate(
-            q0, v0, tau, integrator=_INTEGRATORS[self.integrator], dt=self.dt,
-            steps=self.steps, every=self.every, correct_every=corrects, with_answers=answers > 0,
-            limits=np.array(limits, float), driven=drives.rows, path=drives.wanted,
-            **found, done=done, times=outputs["run_times"], threads=threads,
-        )  # fmt: skip
-        if drives.rows.size:
-            found["driven"] = drives.power(found["lam"], self.every)
-        made = Made(workspace.scene, self.integrator, workspace.solver, self.dt, self.limits)
-        words = put_motions(outputs, np.flatnonzero(done), found, tau, made)
-        return np.flatnonzero(done == 0), words
-
-
-@dataclass(frozen=True)
-class Made:
-    """Scene, methods, step and limits by which motions of the core are judged."""
-
-    scene: Scene
-    integrator: Integrator
-    solver: Solver
-    dt: float  # [s]
-    limits: MotionLimits
-
-
 def put_motions(
-    outputs: Arrays, ok: NDArray[np.intp], found: dict[str, Any], tau: Array, made: Made
-) -> Messages:
+    outputs: Arrays, ok: NDArray[np.intp], found: dict[str, Any], tau: Array, scene: Scene,
+    solver: Solver, motions: Motions,
+) -> Messages:  # fmt: skip
     """Put the motions that went to their end into their rows; return why some are not ok.
 
     `found` has their samples: t, q, v, a, lam and measures, the power of what is driven, and of
@@ -465,7 +450,7 @@ def put_motions(
     violation, slip, *_ = np.moveaxis(measures, 2, 0)
     outputs["violation"][ok] = violation.max(axis=1)
     outputs["constraint_velocity"][ok] = slip.max(axis=1)
-    energy = _energies(found, tau[ok], made)
+    energy = _energies(found, tau[ok], scene, motions.integrator)
     outputs["energy_error"][ok] = np.abs(energy.error).max(axis=0)
     if "samples_t" in outputs:
         for name in ("t", "q", "v", "a", "lam", "contact"):
@@ -474,30 +459,30 @@ def put_motions(
         outputs["samples_tau"][ok] = tau[ok, None]
     words = {}
     for k, row in enumerate(ok.tolist()):
-        scene = with_anchors(made.scene, q[k, 0], {})
+        anchored = with_anchors(scene, q[k, 0], {})
         course = Course(
-            phases=(Phase(scene, slice(0, len(t[k])), ()),), t=t[k], q=q[k], v=v[k],
-            violation=violation[k], constraint_velocity=slip[k], energy=energy.of(k), dt=made.dt,
-            integrator=made.integrator, solver=made.solver, limits=made.limits,
+            phases=(Phase(anchored, slice(0, len(t[k])), ()),), t=t[k], q=q[k], v=v[k],
+            violation=violation[k], constraint_velocity=slip[k], energy=energy.of(k), dt=motions.dt,
+            integrator=motions.integrator, solver=solver, limits=motions.limits,
         )  # fmt: skip
         status, said = judged(course)
-        outputs["statuses"][row] = tuple(RunStatus).index(status)
+        outputs["statuses"][row] = RUN_STATUSES.index(status)
         if said:
             words[row] = said
     return words
 
 
-def _energies(found: dict[str, Any], tau: Array, made: Made) -> Energy:
+def _energies(found: dict[str, Any], tau: Array, scene: Scene, integrator: Integrator) -> Energy:
     """Return the energies of motions, each (k, N), work integrated over the samples."""
     t, q, v = found["t"][0], found["q"], found["v"]
     _, _, kinetic, potential, springs, damping = np.moveaxis(found["measures"], 2, 0)
-    passive, mean = Passive.of(made.scene.robot), 0.5 * (v[:, 1:] + v[:, :-1])
+    passive, mean = Passive.of(scene.robot), 0.5 * (v[:, 1:] + v[:, :-1])
     flat = (-1, *q.shape[2:]), (-1, *v.shape[2:])
     taken = passive.dissipation(q[:, :-1].reshape(flat[0]), mean.reshape(flat[1]))
     between = np.einsum("ni,nki->kn", tau, mean), -taken.reshape(mean.shape[:2]).T
     power = np.einsum("ni,nki->kn", tau, v), -damping.T
     rate = None
-    if is_accurate(made.integrator) and found["a"].shape[1] == v.shape[1]:
+    if is_accurate(integrator) and found["a"].shape[1] == v.shape[1]:
         rate = damping_rate(passive, v, found["a"])
     done = work(t, power[0]), work(t, power[1], None if rate is None else rate.T)
     along = v.transpose(1, 0, 2)
@@ -517,60 +502,16 @@ def _energies(found: dict[str, Any], tau: Array, made: Made) -> Energy:
     )  # fmt: skip
 
 
-# Motions with contacts by the compiled core, and the steps of them that it leaves to Python.
-
-
-@dataclass(frozen=True)
-class SteppedMotions:
-    """Kernel in the compiled core for motions of a `simulate_batch` with contacts.
-
-    After a step in Python, a motion continues in the core.
-    """
-
-    contacts: tuple[Contact, ...]
-    integrator: Integrator
-    dt: float  # [s]
-    steps: int
-    every: int
-    limits: MotionLimits
-
-    def __call__(
-        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
-    ) -> tuple[NDArray[np.intp], Messages]:
-        """Fill the outputs; return the rows left for Python, and messages of failed ones."""
-        q, v, tau = states_of(workspace, inputs)
-        ways = _Ways(self, workspace, outputs, q, v.copy())
-        core = contacts_of(workspace, self.contacts)
-        outputs["run_times"][:] = 0.0
-        ahead = self.steps % self.every > 0  # the last sample is that of a step not taken
-        paths = driven_path_of(workspace, self.dt, self.steps + ahead)
-        python = None
-        while True:
-            core.simulate(
-                step=ways.step, Q=ways.q, V=ways.v, works=ways.works, TAU=tau,
-                plan=step_plan(self.integrator, self.dt), steps=self.steps, every=self.every,
-                closed=tolerances.NEARLY_CLOSED / 10, lost=LOST, **ways.found, done=ways.done,
-                times=outputs["run_times"], driven=paths.rows, path=paths.wanted, threads=threads,
-            )  # fmt: skip
-            stopped = np.flatnonzero((ways.done == 0) & (ways.step >= 0))
-            if not stopped.size:
-                break
-            python = python or _Steps(self, workspace)
-            for i in stopped:
-                python.take(ways, int(i), tau[i])
-        scene = replace(workspace.scene, contacts=self.contacts)
-        made = Made(scene, self.integrator, workspace.solver, self.dt, self.limits)
-        words = put_motions(outputs, np.flatnonzero(ways.done), ways.found, tau, made)
-        return np.flatnonzero(ways.done == 0), words
+# Motions with contacts on their way, and the steps of them that the compiled core leaves to Python.
 
 
 class _Ways:
     """Motions on their way, as the core has them."""
 
     def __init__(
-        self, of: SteppedMotions, workspace: Workspace, outputs: Arrays, q: Array, v: Array
+        self, of: Motions, workspace: Workspace, outputs: Arrays, q: Array, v: Array
     ) -> None:
-        count, model, kept = len(q), workspace.model, len(range(0, of.steps, of.every)) + 1
+        count, model, kept = len(q), workspace.model, of.kept
         self.q, self.v, self.works = q, v, np.zeros((count, 4))
         self.step, self.done = np.zeros((2, count), np.int32)
         widths = {"q": model.nq, "v": model.nv, "measures": MEASURED, "work": 4}
@@ -584,7 +525,7 @@ class _Ways:
 class _Steps:
     """Steps of motions by Python."""
 
-    def __init__(self, of: SteppedMotions, workspace: Workspace) -> None:
+    def __init__(self, of: Motions, workspace: Workspace) -> None:
         assert isinstance(of.integrator, ContactScheme)
         self._of, self._gauge = of, gauge_of(workspace.scene)
         scene = replace(workspace.scene, contacts=of.contacts)

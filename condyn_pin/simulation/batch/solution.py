@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.jacobian import Jacobian
-from condyn_pin._core.rows import MISSING, Batch, BatchResult, Some
+from condyn_pin._core.rows import Batch, BatchResult, Some
 from condyn_pin._core.show import require_pandas
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
@@ -22,17 +22,13 @@ from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.residuals import Residuals
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Question, Solution, Status, solution_columns
-from condyn_pin.errors import WorkersLost
 
 # A status as a number is its place here.
 STATUSES: Final = tuple(Status)
 
-# The arrays with one row per state.
-_ROWS: Final = ("q", "v", "tau", "a", "lam", "residuals", "statuses", "iterations", "solve_times")
-
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchSolution(BatchResult, Batch[Solution]):
+class BatchSolution(BatchResult[Solution]):
     """Accelerations and constraint forces at N states, with the errors of each recomputed.
 
     M a + h = tau + J^T lam + sum J_f^T f,  J a + gamma = a_ref,  in every row
@@ -83,6 +79,7 @@ class BatchSolution(BatchResult, Batch[Solution]):
     applied: tuple[AppliedForce, ...] = ()
     drift: Baumgarte | None = None
 
+    _rows = ("q", "v", "tau", "a", "lam", "residuals", "statuses", "iterations", "solve_times")
     _endings: ClassVar[Sequence[Enum]] = STATUSES
 
     proofs = renamed("residuals")
@@ -136,23 +133,17 @@ class BatchSolution(BatchResult, Batch[Solution]):
         table |= {"iterations": self.iterations, "solve_times": self.solve_times}
         return require_pandas().DataFrame(table)
 
-    def __len__(self) -> int:
-        return len(self.a)
-
     def _some(self, rows: Some) -> BatchSolution:
-        some = {name: read_only(getattr(self, name)[rows]) for name in _ROWS}
-        return replace(self, **some, applied=self._applied(rows))
+        return replace(super()._some(rows), applied=self._applied(rows))
 
     def _one(self, i: int) -> Solution:
-        status = int(self.statuses[i])
-        if status == MISSING:
-            raise WorkersLost(f"no worker got to state {i}; `missing` has all of them", self)
+        self._check_found(i, self.statuses)
         residuals = Residuals(*self.residuals[i].tolist())
         return Solution(
             a=self.a[i],
             lam=self.lam[i],
             residuals=residuals,
-            status=STATUSES[status],
+            status=STATUSES[self.statuses[i]],
             iterations=int(self.iterations[i]),
             solve_time=float(self.solve_times[i]),
             scene=self.scene,
@@ -162,13 +153,10 @@ class BatchSolution(BatchResult, Batch[Solution]):
     def _applied(self, i: int | Some) -> tuple[AppliedForce, ...]:
         return tuple(force.row(i) for force in self.applied)
 
-    def __repr__(self) -> str:
-        return f"BatchSolution({self.scene.robot.name}, {len(self)} states: {self._counted()})"
-
     def __str__(self) -> str:
         worst = float(self.error_bound.max(initial=0.0))
         lines = [
-            f"{repr(self)[len('BatchSolution(') : -1]}, in {self.seconds:.3g} s",
+            f"{self._counted()}, in {self.seconds:.3g} s",
             f"largest error bound of a  {worst:.1e} (relative)",
             *self._not_ok(),
         ]
@@ -207,18 +195,12 @@ class BatchDerivatives(Jacobian, Batch[Derivatives]):
     seconds: float  # [s]
 
     outputs = "a", "lam"
+    _rows = ("solution", *BLOCKS)
 
     def block(self, output: str, by: str) -> Array:
         """Return the derivatives of a (N, nv, nv) or lam (N, m, nv) by q, v or tau."""
         found: Array = getattr(self, f"d{output}_d{by}")
         return found
-
-    def __len__(self) -> int:
-        return len(self.solution)
-
-    def _some(self, rows: Some) -> BatchDerivatives:
-        some = {name: read_only(getattr(self, name)[rows]) for name in BLOCKS}
-        return replace(self, solution=self.solution[rows], **some)
 
     def _one(self, i: int) -> Derivatives:
         blocks = (np.vstack([self.block(y, x)[i] for y in self.outputs]) for x in self.inputs)

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arguments import check_count, renamed
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin._core.rows import MISSING, Batch, BatchResult, Some
+from condyn_pin._core.rows import MISSING, BatchResult, Some
 from condyn_pin._core.show import require_pandas
 from condyn_pin._core.work import Arrays, Kind
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.errors import NotRecorded, WorkersLost
+from condyn_pin.errors import NotRecorded
 from condyn_pin.mechanism.closing import with_anchors
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.batch.inputs import loose
@@ -79,7 +79,7 @@ def kinds_of(scene: Scene, kept: int) -> dict[str, Kind]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchTrajectory(BatchResult, Batch[Trajectory]):
+class BatchTrajectory(BatchResult[Trajectory]):
     """The ends of N motions, and how well each kept constraints and energy.
 
     Attributes
@@ -142,7 +142,9 @@ class BatchTrajectory(BatchResult, Batch[Trajectory]):
     samples: Samples | None
     seconds: float  # [s]
 
+    _rows = (*ENDS, "reasons")
     _endings: ClassVar[Sequence[Enum]] = RUN_STATUSES
+    _row = "motion"
 
     slip = renamed("constraint_velocity")
 
@@ -173,16 +175,11 @@ class BatchTrajectory(BatchResult, Batch[Trajectory]):
         """
         return require_pandas().DataFrame(ends(self))
 
-    def __len__(self) -> int:
-        return len(self.q)
-
     def _some(self, rows: Some) -> BatchTrajectory:
-        some = {name: read_only(getattr(self, name)[rows]) for name in (*ENDS, "reasons")}
-        return replace(self, samples=self.samples and self.samples.of(rows), **some)
+        return replace(super()._some(rows), samples=self.samples and self.samples.of(rows))
 
     def _one(self, i: int) -> Trajectory:
-        if self.statuses[i] == MISSING:
-            raise WorkersLost(f"no worker got to motion {i}; `missing` has all of them", self)
+        self._check_found(i, self.statuses, "motion")
         if self.samples is None:
             raise NotRecorded(
                 f"motion {i}: no samples were kept; simulate_batch(..., record=1) keeps them all"
@@ -207,15 +204,12 @@ class BatchTrajectory(BatchResult, Batch[Trajectory]):
             contact = ContactRecord(candidates_of(scene).names, touches)
         return Trajectory((phase,), run=run, contact=contact, **samples)
 
-    def __repr__(self) -> str:
-        return f"BatchTrajectory({self.scene.robot.name}, {len(self)} motions: {self._counted()})"
-
     def __str__(self) -> str:
         steps = float(self.t.sum()) / self.dt
         speed = steps / self.seconds if self.seconds else nan
         return "\n".join(
             (
-                f"{repr(self)[len('BatchTrajectory(') : -1]}, {self.steps} steps of "
+                f"{self._counted()}, {self.steps} steps of "
                 f"{1e3 * self.dt:.4g} ms, in {self.seconds:.3g} s: {speed:.4g} steps/s",
                 f"violation   {self._worst(self.violation)} m, rad at most; "
                 f"{self._worst(self.constraint_velocity)} m/s, rad/s",
