@@ -24,7 +24,7 @@ from condyn_pin.dynamics.at_state import left_out_at, moves_back
 from condyn_pin.dynamics.residuals import Residuals
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.model.joints import coordinate_names
+from condyn_pin.model.joints import by_joint
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import LeftOut
@@ -687,14 +687,9 @@ def solution_columns(
     scene: Scene, status: Any, q: Array, a: Array, lam: Array, residuals: Array
 ) -> dict[str, Any]:
     """Return statuses, q, a, lam and errors of N states by name, each (N,)."""
-    model, table = scene.robot.model, {"status": status}
-    for kind, values, names in (
-        ("q", q, coordinate_names(model, "q")),
-        ("a", a, coordinate_names(model, "v")),
-        ("lam", lam, scene.row_names),
-    ):
-        columns = np.atleast_2d(values).T
-        table |= {f"{kind} {name}": each for name, each in zip(names, columns, strict=True)}
+    q, a, lam = (np.atleast_2d(each) for each in (q, a, lam))
+    table = {"status": status} | by_joint(scene.robot.model, {"q": q, "a": a})
+    table |= {f"lam {name}": each for name, each in zip(scene.row_names, lam.T, strict=True)}
     errors = zip(Residuals._fields, np.atleast_2d(residuals).T, strict=True)
     return table | {_ERRORS[name]: each for name, each in errors}
 

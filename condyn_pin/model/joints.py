@@ -55,6 +55,15 @@ def coordinate_names(model: Any, of: Literal["q", "v"]) -> Iterator[str]:
         yield from [name] if size == 1 else (f"{name}[{i}]" for i in range(size))
 
 
+def by_joint(model: Any, arrays: dict[str, Array]) -> dict[str, Array]:
+    """Columns of q (N, nq) and of arrays (N, nv) by name, such as "q elbow"; each (N,)."""
+    table = {}
+    for kind, values in arrays.items():
+        names = coordinate_names(model, "q" if kind == "q" else "v")
+        table |= {f"{kind} {name}": each for name, each in zip(names, values.T, strict=True)}
+    return table
+
+
 def index(robot: Robot, name: str, of: Literal["q", "v"]) -> int:
     """Index of a joint with one coordinate in q or in v; see `Robot.index_q`."""
     joint = joint_of(robot.model, name)

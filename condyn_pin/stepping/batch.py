@@ -34,12 +34,12 @@ from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.mechanism.closed_chains import chains_of
+from condyn_pin.model.joints import by_joint
 from condyn_pin.simulation.batch.inputs import DrivenPath, Recipe, check_states, loose
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, sizes_of_gaps
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.records import candidates_of, row_names
-from condyn_pin.simulation.trajectory import step_columns
 from condyn_pin.stepping import contact_steps, step_problem
 from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 from condyn_pin.stepping.single_step import StepSolution, contact_problem, step
@@ -281,7 +281,10 @@ class BatchStep(BatchResult[StepSolution]):
         MissingExtra
             If pandas is not installed.
         """
-        return require_pandas().DataFrame(step_columns(self, ERRORS))
+        table: dict[str, Any] = {"status": self.status_names}
+        table |= by_joint(self.scene.robot.model, {"q": self.q, "v": self.v})
+        table |= {f"mode {name}": modes for name, modes in self.modes.items()}
+        return require_pandas().DataFrame(table | dict(zip(ERRORS, self.errors.T, strict=True)))
 
     def _one(self, i: int) -> StepSolution:
         self._check_found(i, self.statuses)
@@ -331,16 +334,16 @@ def rounded_plan(integrator: Integrator, dt: float) -> Array:
 
 
 class _Method(NamedTuple):
-    """Settings of a contact solver, as the ``ContactMethod`` of the core."""
+    """Settings of a contact solver, as the ``ContactMethod`` of the core: Newton's by default."""
 
-    alternates: bool
-    newton_first: bool
-    sticks_first: bool
-    polish: int
-    tolerance: float
-    max_iterations: int
-    anderson: int
-    steps: int
+    alternates: bool = False
+    newton_first: bool = False
+    sticks_first: bool = False
+    polish: int = 0
+    tolerance: float = 1.0
+    max_iterations: int = 0
+    anderson: int = 0
+    steps: int = RESCUE
 
 
 def _method(solver: ContactSolver) -> _Method:
@@ -355,19 +358,9 @@ def _method(solver: ContactSolver) -> _Method:
             polish=POLISH if solver.polish else 0, tolerance=solver.tolerance,
             max_iterations=solver.max_iterations,
             anderson=min(solver.anderson, solver.max_iterations),  # more is never remembered
-            steps=RESCUE,
         )  # fmt: skip
     assert isinstance(solver, SemismoothNewton)
-    return _Method(
-        alternates=False,
-        newton_first=False,
-        sticks_first=False,
-        polish=0,
-        tolerance=1.0,
-        max_iterations=0,
-        anderson=0,
-        steps=solver.max_iterations,
-    )
+    return _Method(steps=solver.max_iterations)
 
 
 class _StepPlan(NamedTuple):

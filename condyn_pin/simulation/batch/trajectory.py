@@ -22,6 +22,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import NotRecorded
 from condyn_pin.mechanism.closing import with_anchors
+from condyn_pin.model.joints import by_joint
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.batch.inputs import loose
 from condyn_pin.simulation.files import (
@@ -29,7 +30,6 @@ from condyn_pin.simulation.files import (
     MOTIONS,
     Content,
     Header,
-    Path_,
     check_times,
     choice,
     encode,
@@ -48,7 +48,7 @@ from condyn_pin.simulation.records import (
     width,
     written_before,
 )
-from condyn_pin.simulation.trajectory import Trajectory, ends
+from condyn_pin.simulation.trajectory import Trajectory
 
 # A status as a number is its place here.
 RUN_STATUSES: Final = tuple(RunStatus)
@@ -150,7 +150,19 @@ class BatchTrajectory(BatchResult[Trajectory]):
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write all of it to a file (npz), as `Trajectory.save` does."""
-        save(self, path)
+        header = {
+            "constraints": [encode(c) for c in self.scene.constraints],
+            "contacts": [encode(c) for c in self.scene.contacts],
+            **{key: getattr(self, key) for key in _PLAIN},
+            **{key: encode(getattr(self, key)) for key in CHOICES},
+            "limits": encode(self.limits),
+            "endings": [status.name for status in RUN_STATUSES],
+            "reasons": {int(i): self.reasons[i] for i in np.flatnonzero(self.reasons)},
+        }
+        arrays = {name: getattr(self, name) for name in ENDS}
+        if self.samples:
+            arrays |= {f"samples_{name}": array for name, array in self.samples.arrays.items()}
+        write(path, MOTIONS, self.scene.robot, header, arrays)
 
     @staticmethod
     def load(path: str | PathLike[str]) -> BatchTrajectory:
@@ -161,7 +173,7 @@ class BatchTrajectory(BatchResult[Trajectory]):
         InvalidArgument
             If the file is missing, or is not one of a batch of motions.
         """
-        return load(path)
+        return read(path, MOTIONS, (*ENDS, *(f"samples_{name}" for name in SAMPLED)), _batch)
 
     def to_pandas(self) -> Any:
         """Return the ends as a `pandas.DataFrame`, a motion a row; ``batch[i].to_pandas()`` is one.
@@ -173,7 +185,11 @@ class BatchTrajectory(BatchResult[Trajectory]):
         MissingExtra
             If pandas is not installed.
         """
-        return require_pandas().DataFrame(ends(self))
+        table: dict[str, Any] = {"status": self.status_names, "reason": self.reasons}
+        table |= {"t [s]": self.t}
+        table |= by_joint(self.scene.robot.model, {"q": self.q, "v": self.v})
+        errors = "violation", "constraint_velocity", "energy_error", "run_times"
+        return require_pandas().DataFrame(table | {name: getattr(self, name) for name in errors})
 
     def _some(self, rows: Some) -> BatchTrajectory:
         return replace(super()._some(rows), samples=self.samples and self.samples.of(rows))
@@ -281,28 +297,6 @@ def samples_in(arrays: Arrays) -> Samples | None:
 
 _PLAIN = ("duration", "dt", "steps", "seconds")
 _CONTACT = "samples_contact"
-
-
-def save(batch: BatchTrajectory, path: Path_) -> None:
-    """Write a batch; see `BatchTrajectory.save`."""
-    header = {
-        "constraints": [encode(c) for c in batch.scene.constraints],
-        "contacts": [encode(c) for c in batch.scene.contacts],
-        **{key: getattr(batch, key) for key in _PLAIN},
-        **{key: encode(getattr(batch, key)) for key in CHOICES},
-        "limits": encode(batch.limits),
-        "endings": [status.name for status in RUN_STATUSES],
-        "reasons": {int(i): batch.reasons[i] for i in np.flatnonzero(batch.reasons)},
-    }
-    arrays = {name: getattr(batch, name) for name in ENDS}
-    if batch.samples:
-        arrays |= {f"samples_{name}": array for name, array in batch.samples.arrays.items()}
-    write(path, MOTIONS, batch.scene.robot, header, arrays)
-
-
-def load(path: Path_) -> BatchTrajectory:
-    """Return a batch from a file; see `BatchTrajectory.load`."""
-    return read(path, MOTIONS, (*ENDS, *(f"samples_{name}" for name in SAMPLED)), _batch)
 
 
 def _batch(robot: Robot, header: Header, content: Content) -> BatchTrajectory:
