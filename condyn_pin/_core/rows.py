@@ -299,6 +299,7 @@ class BatchResult(Batch[One]):
 
     statuses: NDArray[np.int8]
     scene: Any
+    seconds: float  # [s]
 
     @property
     def ok(self) -> bool:
@@ -343,6 +344,17 @@ class BatchResult(Batch[One]):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self._counted()})"
+
+    def __str__(self) -> str:
+        return "\n".join((f"{self._counted()}, {self._how()}", *self._worst(), *self._not_ok()))
+
+    def _how(self) -> str:
+        """How the work was done."""
+        return f"in {self.seconds:.3g} s"
+
+    @abstractmethod
+    def _worst(self) -> list[str]:
+        """Lines with the largest errors."""
 
     def _not_ok(self) -> list[str]:
         """Line for each status but ok: its first few rows, and its meaning."""

@@ -57,7 +57,7 @@ def coordinate_names(model: Any, of: Literal["q", "v"]) -> Iterator[str]:
 
 def by_joint(model: Any, arrays: dict[str, Array]) -> dict[str, Array]:
     """Columns of q (N, nq) and of arrays (N, nv) by name, such as "q elbow"; each (N,)."""
-    table = {}
+    table: dict[str, Array] = {}
     for kind, values in arrays.items():
         names = coordinate_names(model, "q" if kind == "q" else "v")
         table |= {f"{kind} {name}": each for name, each in zip(names, values.T, strict=True)}

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
 from time import perf_counter
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -166,12 +166,15 @@ def derivatives_batch(
 
     def batch(outputs: Arrays) -> BatchDerivatives:
         solution = _solution(recipe, inputs, applied, start, outputs)
-        blocks = {name: outputs[name] for name in BLOCKS}
-        return BatchDerivatives(solution, **blocks, seconds=solution.seconds)
+        arrays = {name: outputs[name] for name in BLOCKS}
+        return BatchDerivatives(solution, **arrays, seconds=solution.seconds)
+
+    n, m = scene.robot.nv, scene.rows
+    blocks = {name: Kind((n if name.startswith("da") else m, n)) for name in BLOCKS}
 
     return run(
-        DifferentiatedRows(accuracy, of_rows, method), recipe, inputs,
-        _of_solution(scene) | _of_derivatives(scene), batch, executor=executor, chunk=chunk,
+        SolvedRows(accuracy, of_rows, method, most=100, most_of_core=500), recipe, inputs,
+        _of_solution(scene) | blocks, batch, executor=executor, chunk=chunk,
         progress=progress, unsupported=chain(unsupported_method(method), recipe.unsupported()),
     )  # fmt: skip
 
@@ -198,11 +201,6 @@ def _of_solution(scene: Scene) -> dict[str, Kind]:
         "iterations": Kind((), "i4"),
         "solve_times": Kind(()),
     }
-
-
-def _of_derivatives(scene: Scene) -> dict[str, Kind]:
-    n, m = scene.robot.nv, scene.rows
-    return {name: Kind((n if name.startswith("da") else m, n)) for name in BLOCKS}
 
 
 def _solution(
@@ -300,43 +298,23 @@ def _sample(
 
 @dataclass(frozen=True)
 class SolvedRows(Verb):
-    """Solution at each state."""
+    """Solution at each state, and its derivatives if there is a method for them."""
 
     accuracy: float | None
     forces: RowForces
+    method: str | None = None
+    most: int = 1000
+    most_of_core: int = 2000
 
     def row(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> str:
-        """Solve one row; no status needs words."""
-        state, forces = _state(inputs), self.forces.of(inputs)
-        _put(outputs, workspace.solve(*state, forces=forces, accuracy=self.accuracy, throw=False))
-        return ""
-
-    def core(
-        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
-    ) -> tuple[NDArray[np.intp], Messages]:
-        """Solve the rows; return those that are left."""
-        return self._by(workspace.compiled.solve, inputs, outputs, threads), {}
-
-    def _by(
-        self, work: Callable[..., NDArray[np.intp]], inputs: Arrays, outputs: Arrays, threads: int
-    ) -> NDArray[np.intp]:
-        forces = self.forces.of(inputs)
-        return work(_state(inputs), outputs, accuracy=self.accuracy, threads=threads, forces=forces)
-
-
-@dataclass(frozen=True)
-class DifferentiatedRows(SolvedRows):
-    """Solution and derivatives at each state."""
-
-    method: str
-    most = 100
-    most_of_core = 500
-
-    def row(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> str:
-        """Solve and differentiate one row; where that fails there are no derivatives."""
-        about = {"forces": self.forces.of(inputs), "accuracy": self.accuracy}
+        """Solve one row, and differentiate it; its status says why it has no derivatives."""
+        state, forces = (inputs["q"], inputs["v"], inputs["tau"]), self.forces.of(inputs)
+        about: dict[str, Any] = {"forces": forces, "accuracy": self.accuracy}
+        if self.method is None:
+            _put(outputs, workspace.solve(*state, throw=False, **about))
+            return ""
         try:
-            found = workspace.derivatives(*_state(inputs), method=self.method, **about)
+            found = workspace.derivatives(*state, method=self.method, **about)
         except SolveFailed as failed:
             _put(outputs, failed.solution)
         else:
@@ -348,12 +326,11 @@ class DifferentiatedRows(SolvedRows):
     def core(
         self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
     ) -> tuple[NDArray[np.intp], Messages]:
-        """Solve and differentiate the rows; return those that are left."""
-        return self._by(workspace.compiled.differentiate, inputs, outputs, threads), {}
-
-
-def _state(inputs: Arrays) -> tuple[Array, Array, Array]:
-    return inputs["q"], inputs["v"], inputs["tau"]
+        """Solve the rows, and differentiate them; return those that are left."""
+        core = workspace.compiled
+        work = core.solve if self.method is None else core.differentiate
+        state, forces = (inputs["q"], inputs["v"], inputs["tau"]), self.forces.of(inputs)
+        return work(state, outputs, accuracy=self.accuracy, threads=threads, forces=forces), {}
 
 
 def _put(outputs: Arrays, solution: Solution) -> None:

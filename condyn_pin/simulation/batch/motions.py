@@ -361,17 +361,12 @@ def _start(workspace: Workspace, q: Array, v: Array, plan: Plan) -> tuple[Array,
 
 
 def _put(outputs: Arrays, found: Trajectory) -> None:
-    ends = {
-        "t": found.t[-1],
-        "q": found.q[-1],
-        "v": found.v[-1],
-        "violation": found.violation.max(),
-        "constraint_velocity": found.constraint_velocity.max(),
-        "energy_error": np.abs(found.energy.error).max(),
-        "statuses": RUN_STATUSES.index(found.status),
-    }
-    for name, value in ends.items():
-        outputs[name][...] = value
+    for name in ("t", "q", "v"):
+        outputs[name][...] = getattr(found, name)[-1]
+    for name in ("violation", "constraint_velocity"):
+        outputs[name][...] = getattr(found, name).max()
+    outputs["energy_error"][...] = np.abs(found.energy.error).max()
+    outputs["statuses"][...] = RUN_STATUSES.index(found.status)
     if samples := samples_in(outputs):
         for name, kept in samples.arrays.items():
             its = getattr(found, name)

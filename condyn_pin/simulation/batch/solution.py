@@ -153,14 +153,9 @@ class BatchSolution(BatchResult[Solution]):
     def _applied(self, i: int | Some) -> tuple[AppliedForce, ...]:
         return tuple(force.row(i) for force in self.applied)
 
-    def __str__(self) -> str:
+    def _worst(self) -> list[str]:
         worst = float(self.error_bound.max(initial=0.0))
-        lines = [
-            f"{self._counted()}, in {self.seconds:.3g} s",
-            f"largest error bound of a  {worst:.1e} (relative)",
-            *self._not_ok(),
-        ]
-        return "\n".join(lines)
+        return [f"largest error bound of a  {worst:.1e} (relative)"]
 
 
 @dataclass(frozen=True, eq=False, repr=False)

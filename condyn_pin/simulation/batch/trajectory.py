@@ -220,27 +220,23 @@ class BatchTrajectory(BatchResult[Trajectory]):
             contact = ContactRecord(candidates_of(scene).names, touches)
         return Trajectory((phase,), run=run, contact=contact, **samples)
 
-    def __str__(self) -> str:
-        steps = float(self.t.sum()) / self.dt
-        speed = steps / self.seconds if self.seconds else nan
-        return "\n".join(
-            (
-                f"{self._counted()}, {self.steps} steps of "
-                f"{1e3 * self.dt:.4g} ms, in {self.seconds:.3g} s: {speed:.4g} steps/s",
-                f"violation   {self._worst(self.violation)} m, rad at most; "
-                f"{self._worst(self.constraint_velocity)} m/s, rad/s",
-                f"unexplained {self._worst(self.energy_error)} J at most",
-                *self._not_ok(),
-            )
+    def _how(self) -> str:
+        speed = float(self.t.sum()) / self.dt / self.seconds if self.seconds else nan
+        time = f"{self.steps} steps of {1e3 * self.dt:.4g} ms, {super()._how()}"
+        return f"{time}: {speed:.4g} steps/s"
+
+    def _worst(self) -> list[str]:
+        of_c, of_v, of_energy = (
+            f"{known.max():.1e}" if (known := each[np.isfinite(each)]).size else "?"
+            for each in (self.violation, self.constraint_velocity, self.energy_error)
         )
+        return [
+            f"violation   {of_c} m, rad at most; {of_v} m/s, rad/s",
+            f"unexplained {of_energy} J at most",
+        ]
 
     def _named(self, i: int) -> str:
         return str(i) if self.statuses[i] == MISSING else f"{i} after {self.t[i]:.4g} s"
-
-    @staticmethod
-    def _worst(values: Array) -> str:
-        known = values[np.isfinite(values)]
-        return f"{known.max():.1e}" if known.size else "?"
 
 
 # Samples: what is kept of many motions, and the arrays that hold it.
