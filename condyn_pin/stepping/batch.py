@@ -315,17 +315,16 @@ def unsupported_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
     yield from unsupported_contacts(scene)
 
 
-def step_plan(integrator: Integrator, dt: float) -> Array:
-    """Settings of a step, as the ``StepPlan`` of the core."""
-    assert isinstance(integrator, StewartTrinkle)
-    return _plan(dt, _method(integrator.contact))
+def step_plan(integrator: Integrator, dt: float, *, to_rounding: bool = False) -> Array:
+    """Settings of a step, as the ``StepPlan`` of the core.
 
-
-def rounded_plan(integrator: Integrator, dt: float) -> Array:
-    """``StepPlan`` with impulses accurate to rounding, from which modes can be read."""
+    `to_rounding` makes impulses so accurate that modes can be read from them.
+    """
     assert isinstance(integrator, StewartTrinkle)
     method = _method(integrator.contact)
-    return _plan(dt, method._replace(alternates=False, newton_first=False, polish=0))
+    if to_rounding:
+        method = method._replace(alternates=False, newton_first=False, polish=0)
+    return np.array([dt, *method, *_StepPlan(*sizes_of_gaps())], dtype=float)
 
 
 class _Method(NamedTuple):
@@ -376,10 +375,6 @@ class _StepPlan(NamedTuple):
     deep: float = _DEEP
     not_driven: float = tolerances.NOT_DRIVEN
     out_of_reach: float = tolerances.OUT_OF_REACH
-
-
-def _plan(dt: float, method: _Method) -> Array:
-    return np.array([dt, *method, *_StepPlan(*sizes_of_gaps())], dtype=float)
 
 
 # The columns of what momentum is off by and loops are open by, and a share of the weight from which

@@ -42,9 +42,9 @@ from condyn_pin.stepping.batch import (
     kinds_of_steps,
     left_to_python,
     paths_of,
-    rounded_plan,
     starts_of_steps,
     states_of,
+    step_plan,
     unsupported_steps,
 )
 from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
@@ -184,7 +184,8 @@ class DifferentiatedRows(Verb):
         count, shape = len(inputs["q0"]), outputs["codes"].shape
         done, codes, read = np.zeros(count, np.int32), *np.zeros((2, *shape), np.int32)
         contacts_of(workspace, steps.contacts).differentiate(
-            *states_of(workspace, inputs), plan=rounded_plan(steps.integrator, steps.dt),
+            *states_of(workspace, inputs),
+            plan=step_plan(steps.integrator, steps.dt, to_rounding=True),
             polished=tolerances.CONTACT_POLISHED, falls=falls(workspace.model, steps.dt),
             placed=rows_with_a_place(workspace.bounds),
             q=outputs["q"], v=outputs["v"], lam=outputs["lam"], errors=outputs["errors"],

@@ -28,7 +28,7 @@ from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin.mechanism.projection import check_generator, sample
-from condyn_pin.simulation.batch.inputs import PickledRecipe, Recipe, RowForces, check_states, split
+from condyn_pin.simulation.batch.inputs import PickledRecipe, Recipe, check_states, forces_in, split
 from condyn_pin.simulation.batch.solution import STATUSES, BatchDerivatives, BatchSolution
 
 
@@ -105,10 +105,10 @@ def solve_batch(
     write arrays in shared memory (Linux); other workers are sent copies of their rows.
     """
     start = perf_counter()
-    inputs, applied, of_rows = _inputs(scene, Q, V, TAU, forces, accuracy)
+    inputs, applied, first = _inputs(scene, Q, V, TAU, forces, accuracy)
     recipe = Recipe(scene, solver, drift)
     return run(
-        SolvedRows(accuracy, of_rows), recipe, inputs, _of_solution(scene),
+        SolvedRows(accuracy, first), recipe, inputs, _of_solution(scene),
         partial(_solution, recipe, inputs, applied, start), executor=executor, chunk=chunk,
         progress=progress, unsupported=recipe.unsupported(),
     )  # fmt: skip
@@ -161,7 +161,7 @@ def derivatives_batch(
     start = perf_counter()
     if method not in METHODS:
         raise unknown_name("method", str(method), METHODS)
-    inputs, applied, of_rows = _inputs(scene, Q, V, TAU, forces, accuracy)
+    inputs, applied, first = _inputs(scene, Q, V, TAU, forces, accuracy)
     recipe = Recipe(scene, solver, drift)
 
     def batch(outputs: Arrays) -> BatchDerivatives:
@@ -173,7 +173,7 @@ def derivatives_batch(
     blocks = {name: Kind((n if name.startswith("da") else m, n)) for name in BLOCKS}
 
     return run(
-        SolvedRows(accuracy, of_rows, method, most=100, most_of_core=500), recipe, inputs,
+        SolvedRows(accuracy, first, method, most=100, most_of_core=500), recipe, inputs,
         _of_solution(scene) | blocks, batch, executor=executor, chunk=chunk,
         progress=progress, unsupported=chain(unsupported_method(method), recipe.unsupported()),
     )  # fmt: skip
@@ -182,13 +182,13 @@ def derivatives_batch(
 def _inputs(
     scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, forces: Sequence[AppliedForce],
     accuracy: float | None,
-) -> tuple[Arrays, tuple[AppliedForce, ...], RowForces]:  # fmt: skip
+) -> tuple[Arrays, tuple[AppliedForce, ...], tuple[AppliedForce, ...]]:  # fmt: skip
     check_scene(scene)
     if accuracy is not None:
         check_accuracy_of_a(accuracy)
     q, v, tau = check_states(scene.robot, Q, V, TAU)
-    applied, of_rows, more = split(scene.robot, forces, len(q))
-    return {"q": q, "v": v, "tau": tau} | more, applied, of_rows
+    applied, first, more = split(scene.robot, forces, len(q))
+    return {"q": q, "v": v, "tau": tau} | more, applied, first
 
 
 def _of_solution(scene: Scene) -> dict[str, Kind]:
@@ -301,14 +301,14 @@ class SolvedRows(Verb):
     """Solution at each state, and its derivatives if there is a method for them."""
 
     accuracy: float | None
-    forces: RowForces
+    forces: tuple[AppliedForce, ...]  # at the first state
     method: str | None = None
     most: int = 1000
     most_of_core: int = 2000
 
     def row(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> str:
         """Solve one row, and differentiate it; its status says why it has no derivatives."""
-        state, forces = (inputs["q"], inputs["v"], inputs["tau"]), self.forces.of(inputs)
+        state, forces = (inputs["q"], inputs["v"], inputs["tau"]), forces_in(inputs, self.forces)
         about: dict[str, Any] = {"forces": forces, "accuracy": self.accuracy}
         if self.method is None:
             _put(outputs, workspace.solve(*state, throw=False, **about))
@@ -329,7 +329,7 @@ class SolvedRows(Verb):
         """Solve the rows, and differentiate them; return those that are left."""
         core = workspace.compiled
         work = core.solve if self.method is None else core.differentiate
-        state, forces = (inputs["q"], inputs["v"], inputs["tau"]), self.forces.of(inputs)
+        state, forces = (inputs["q"], inputs["v"], inputs["tau"]), forces_in(inputs, self.forces)
         return work(state, outputs, accuracy=self.accuracy, threads=threads, forces=forces), {}
 
 

@@ -74,34 +74,23 @@ def _rows(name: str, value: ArrayLike, width: int) -> int:
     return int(shape[0])
 
 
-@dataclass(frozen=True)
-class RowForces:
-    """Forces as they travel with a kernel: those of the first state, and inputs with the others."""
-
-    forces: tuple[AppliedForce, ...] = ()
-    rows: tuple[
-        tuple[int, str], ...
-    ] = ()  # which have one row per state, and the name of the input
-
-    def of(self, inputs: Arrays) -> tuple[AppliedForce, ...]:
-        """Return the forces of some inputs: those of one state, or of many with their rows."""
-        found = list(self.forces)
-        for k, name in self.rows:
-            found[k] = AppliedForce(found[k].frame, inputs[name], found[k].frame_of)
-        return tuple(found)
-
-
 def split(
     robot: Robot, forces: Sequence[AppliedForce], count: int, *, functions: bool = False
-) -> tuple[tuple[AppliedForce, ...], RowForces, Arrays]:
-    """Return the forces of a batch checked, as a kernel has them, and their inputs."""
+) -> tuple[tuple[AppliedForce, ...], tuple[AppliedForce, ...], Arrays]:
+    """Return the forces of a batch checked, those of the first state, and rows of the others."""
     checked = applied_forces(forces, functions=functions, rows=count)
     for force in checked:
         robot.frame(force.frame)  # what is no frame is refused before the work
-    some = tuple((k, f"force{k}") for k, force in enumerate(checked) if force.has_rows)
-    inputs = {name: checked[k].numbers for k, name in some}
-    first = tuple(force.row(0) for force in checked) if count else ()
-    return checked, RowForces(first, some), inputs
+    inputs = {f"force{k}": force.numbers for k, force in enumerate(checked) if force.has_rows}
+    return checked, tuple(force.row(0) for force in checked) if count else (), inputs
+
+
+def forces_in(inputs: Arrays, forces: tuple[AppliedForce, ...]) -> tuple[AppliedForce, ...]:
+    """Forces of some inputs, at one state or at many; `forces` are those of the first state."""
+    return tuple(
+        AppliedForce(force.frame, inputs[name], force.frame_of) if name in inputs else force
+        for name, force in ((f"force{k}", force) for k, force in enumerate(forces))
+    )
 
 
 # Where driven rows are to be all along some steps, as a table that the compiled core reads.

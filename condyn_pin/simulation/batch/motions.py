@@ -31,9 +31,9 @@ from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import with_anchors
 from condyn_pin.simulation.batch.inputs import (
     Recipe,
-    RowForces,
     check_states,
     driven_path_of,
+    forces_in,
     split,
 )
 from condyn_pin.simulation.batch.trajectory import (
@@ -152,12 +152,12 @@ def simulate_batch(
     every = max(planned.steps // _LOOKS, _APART) if record is None else record
     given: ArrayLike = 0.0 if function is not None else TAU  # type: ignore[assignment]
     q, v, tau = check_states(scene.robot, Q0, V0, given, suffix="0")
-    applied, of_rows, more = split(scene.robot, forces, len(q), functions=True)
+    applied, first, more = split(scene.robot, forces, len(q), functions=True)
     most = max(1, int(_SOLVES / planned.steps / max(planned.integrator.solves_per_step, 1)))
     motions = Motions(
         function=function, jacobian=jacobian, duration=duration, dt=planned.dt,
         integrator=planned.integrator, drift=planned.drift, solver=solver, steps=planned.steps,
-        every=every, limits=planned.limits, forces=of_rows, contacts=tuple(scene.contacts),
+        every=every, limits=planned.limits, forces=first, contacts=tuple(scene.contacts),
         most=most,
     )  # fmt: skip
     held = _begun(scene.bilateral)
@@ -212,7 +212,7 @@ class Motions(Verb):
     steps: int
     every: int
     limits: MotionLimits
-    forces: RowForces = field(default_factory=RowForces)
+    forces: tuple[AppliedForce, ...] = ()  # at the first state
     contacts: tuple[Contact, ...] = ()  # of the scene: workspaces hold none
     most: int = 1
     most_of_core = 16
@@ -227,7 +227,7 @@ class Motions(Verb):
         planned = plan(
             scene, self.function or 0.0, duration=self.duration, dt=self.dt,
             integrator=self.integrator, drift=self.drift, solver=self.solver,
-            record=self.every, forces=self.forces.forces, jacobian=self.jacobian,
+            record=self.every, forces=self.forces, jacobian=self.jacobian,
             limits=self.limits,
         )  # fmt: skip
         return replace(planned, at_events=False)  # as many samples of each motion
@@ -239,7 +239,7 @@ class Motions(Verb):
         asked = self, id(self.function), id(self.jacobian)
         runner = _runners.of(workspace, asked, lambda: _Runner(self, workspace))
         try:
-            found = runner.run(q, v, inputs["tau0"], self.forces.of(inputs))
+            found = runner.run(q, v, inputs["tau0"], forces_in(inputs, self.forces))
         except _CANNOT_BEGIN as error:
             outputs["q"][...], outputs["v"][...], outputs["t"][...] = q, v, 0.0
             outputs["statuses"][...] = RUN_STATUSES.index(RunStatus.FAILED)
