@@ -148,7 +148,7 @@ def run(
     """
     kernel: Kernel = verb
     if isinstance(executor, Native):
-        kernel, executor, chunk = executor.kernel(verb, chunk, unsupported)
+        kernel, executor, chunk = _by_core(executor, verb, chunk, unsupported)
     if progress is not silent:
         check_called("progress", progress, "done, total")
     if chunk is not None:
@@ -180,6 +180,22 @@ def run(
     except KeyboardInterrupt as stop:
         raise Interrupted(found()) from stop
     return found()
+
+
+def _by_core(
+    native: Native, verb: Verb, chunk: int | None, unsupported: Iterable[str]
+) -> tuple[Kernel, Executor | None, int | None]:
+    """Kernel, executor and chunk size of a verb: the core, or Python where that may be."""
+    try:
+        compiled()
+        refuse(unsupported)
+    except (UnsupportedBackend, MissingExtra):
+        if not native.where_possible:
+            raise
+        return verb, native.executor, chunk
+    if native.executor is None and chunk is None:
+        chunk = verb.most_of_core * native.at_work
+    return _Compiled(verb, native.at_work), native.executor, chunk
 
 
 def chunks_of(count: int, chunk: int | None, most: int) -> list[slice]:
@@ -437,18 +453,3 @@ class Native:
     def at_work(self) -> int:
         """Number of threads."""
         return cores() if self.threads is None else self.threads
-
-    def kernel(
-        self, verb: Verb, chunk: int | None, unsupported: Iterable[str]
-    ) -> tuple[Kernel, Executor | None, int | None]:
-        """Kernel, executor and chunk size of a verb: the core, or Python where that may be."""
-        try:
-            compiled()
-            refuse(unsupported)
-        except (UnsupportedBackend, MissingExtra):
-            if not self.where_possible:
-                raise
-            return verb, self.executor, chunk
-        if self.executor is None and chunk is None:
-            chunk = verb.most_of_core * self.at_work
-        return _Compiled(verb, self.at_work), self.executor, chunk
