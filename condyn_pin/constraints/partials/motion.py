@@ -121,7 +121,7 @@ def relative_motion(one: Motion, two: Motion, X: Array, lever: Array | None) -> 
 def _each(A: Array, by: Array) -> Array:
     """Products of matrices (k, i, j) with partials (k, j, s, nv)."""
     k, j, parts, n = by.shape
-    return (A @ by.reshape(k, j, -1)).reshape(k, -1, parts, n)  # type: ignore[no-any-return]
+    return (A @ by.reshape(k, j, -1)).reshape(k, -1, parts, n)
 
 
 def _times(A: Array, x: Array) -> Array:
