@@ -19,7 +19,7 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.baumgarte import Baumgarte, gains
+from condyn_pin.constraints.drift import Baumgarte, gains
 from condyn_pin.constraints.rows.bound import Bound, TwoFrameConstraint, length
 from condyn_pin.constraints.rows.frames import Ends, Joints, indices, rows_of
 from condyn_pin.constraints.rows.special import BoundRelation, skews
