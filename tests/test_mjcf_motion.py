@@ -442,6 +442,19 @@ def test_limits_of_motors_on_several_joints(tmp_path, words, wanted):
     assert made == CoupledMotor("m", {"j": 2.0, "k": 3.0}, wanted)
 
 
+@pytest.mark.parametrize(
+    "option",
+    [
+        '<option actuatorgroupdisable="1"/>',
+        '<option><flag actuation="disable"/></option>',
+    ],
+)
+def test_actuators_that_are_switched_off_are_told(tmp_path, option):
+    text = two(option + motor('<motor name="m" joint="k" group="1"/>'))
+    (said,) = (line for line in read_text(tmp_path, text).unused if "switches off" in line)
+    assert said.endswith("(m)")
+
+
 @pytest.mark.parametrize("words", [
     '<position name="m" tendon="sum" kp="3"/>', '<motor name="m" tendon="sum" gear="0"/>',
     '<general name="m" tendon="sum" gainprm="0" ctrlrange="-1 1"/>',

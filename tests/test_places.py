@@ -299,6 +299,14 @@ def test_a_text_without_a_placement_is_refused(numbers):
         named.frame(f"foot + [{numbers}]")
 
 
+def test_places_on_places_have_an_end():
+    named, _ = solo()
+    joint, step = named.joints[0], " + [1 0 0]"
+    assert named.frame(joint + 4 * step)[1].translation[0] == pytest.approx(4.0)
+    with pytest.raises(cp.InvalidArgument, match="a place on a place"):
+        named.frame(joint + 1500 * step)
+
+
 def test_a_quaternion_of_any_size_is_a_rotation():
     named, _ = solo()
     for size in ("1e-320", "1e-200", "1E200", "1e308"):

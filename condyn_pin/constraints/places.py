@@ -40,6 +40,8 @@ _PLACE: Final = re.compile(rf"(.+) \+ {_NUMBERS}", re.DOTALL)
 _LABELLED: Final = re.compile(rf"(.+) \(({_NUMBER} \+ {_NUMBERS})\)", re.DOTALL)
 _NUMBERED: Final = re.compile(rf"{_NUMBER}(?= \+ \[)")
 
+_DEEPEST: Final = 3  # places on places that a text may have
+
 
 class Place(NamedTuple):
     """A joint or a frame, and a placement on it."""
@@ -103,6 +105,10 @@ def place_of(text: str) -> Place | None:
     found = _PLACE.fullmatch(labelled[2] if labelled else text)
     if not found:
         return None
+    if found[1].count(" + [") > _DEEPEST:
+        raise InvalidArgument(
+            f"frame = {shown(text)}: a place on a place on a place; Robot.with_frame gives one a name"
+        )
     try:
         numbers = [float(number) for number in found[2].split()]
     except ValueError:

@@ -594,6 +594,9 @@ def unused(mj: Any, had: Transmissions, coupled: Collection[int]) -> Iterator[st
             f"armature, damping and the like of tendons that couple joints ({len(had.lost)}): "
             "Robot.unmodelled lists them"
         )
+    groups = mj.opt.disableactuator >> np.clip(mj.actuator_group, 0, 30)
+    if off := _named(names_of(mj, "actuator"), (groups & 1) | disabled(mj, "ACTUATION")):
+        yield f"actuators that the file switches off, and are motors here: {few(off)}"
     if pushing := _named(names_of(mj, "actuator"), _biased(mj)):
         yield f"servos, which push at ctrl = 0 ({few(pushing)}): here what acts is tau"
     owners = [joints[j] for j in mj.dof_jntid]
