@@ -452,7 +452,7 @@ def test_limits_of_motors_on_several_joints(tmp_path, words, wanted):
 def test_actuators_that_are_switched_off_are_told(tmp_path, option):
     text = two(option + motor('<motor name="m" joint="k" group="1"/>'))
     (said,) = (line for line in read_text(tmp_path, text).unused if "switches off" in line)
-    assert said.endswith("(m)")
+    assert said.endswith(": m")
 
 
 @pytest.mark.parametrize("words", [

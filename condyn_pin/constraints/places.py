@@ -107,7 +107,7 @@ def place_of(text: str) -> Place | None:
         return None
     if found[1].count(" + [") > _DEEPEST:
         raise InvalidArgument(
-            f"frame = {shown(text)}: a place on a place on a place; Robot.with_frame gives one a name"
+            f"frame = {shown(text)}: a place on a place on a place; name one with Robot.with_frame"
         )
     try:
         numbers = [float(number) for number in found[2].split()]
