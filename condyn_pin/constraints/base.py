@@ -76,8 +76,6 @@ if TYPE_CHECKING:
     from condyn_pin.constraints.rows.bound import BoundConstraint
 
 
-WORLD = ("world", "universe")
-
 # All kinds by the names of their classes; `condyn_pin.constraints.kinds` has those of the library.
 KINDS: dict[str, type[Constraint]] = {}
 

@@ -10,7 +10,8 @@ model is known yet a joint that is given by its number stays one, and a `pin.Fra
     #3 + [0.1 0 0]                    joint 3
     sole (#3 + [0.1 0 0])             the pin.Frame `sole`
 
-A scene, and a robot, put names in place of numbers, which differ in a smaller one.
+A scene, and a robot, put names in place of numbers, which differ in a smaller one. `find_frame` has
+the joint that carries a frame, and the placement on it.
 """
 
 from __future__ import annotations
@@ -27,9 +28,12 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import shown
 from condyn_pin._core.joints import rotation_fault
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName, unknown_name
 
 Value = TypeVar("Value")
+
+# Names of the world.
+WORLD: Final = ("world", "universe")
 
 # A frame as users give it: its name, a joint and a placement on it, or a pin.Frame.
 FrameLike: TypeAlias = str | tuple[str | int, Any] | Any
@@ -186,3 +190,77 @@ def settled(value: Value, machine: Any) -> Value:
         changed["name"] = name
     made: Value = replace(given, **changed)
     return made
+
+
+# Where a frame is on a robot.
+
+
+def find_frame(robot: Any, frame: FrameLike) -> tuple[int, Any]:
+    """Joint that carries a frame, and the frame's placement on it; see `Robot.frame`."""
+    name = frame_text("frame", frame)
+    found = [frame for frame in robot.model.frames if frame.name == name]
+    if name in WORLD:
+        elsewhere = any(f.parentJoint or f.placement != pin.SE3.Identity() for f in found)
+        if elsewhere or name in robot.joints:
+            raise InvalidModel(
+                f"frame {name!r} of {robot.name} has the world's name and is elsewhere; rename it"
+            )
+        return 0, pin.SE3.Identity()
+    if not found and name in robot.joints:  # a model that was built has joints, and no frames
+        return int(robot.model.getJointId(name)), pin.SE3.Identity()
+    if not found:
+        if (placed := _placed(robot, name)) is None:
+            raise unknown_name("frame", name, robot.frames)
+        return placed
+    first = found[0]
+    for other in found[1:]:
+        if other.parentJoint != first.parentJoint or other.placement != first.placement:
+            raise InvalidModel(
+                f"frame {name!r} of {robot.name} exists {len(found)} times in different "
+                "places; rename one of them or add your own with Robot.with_frame"
+            )
+    _check_text(robot, first)
+    return int(first.parentJoint), pin.SE3(first.placement)
+
+
+def _placed(robot: Any, text: str) -> tuple[int, Any] | None:
+    """Joint of a place, and the placement on it; None for a plain name."""
+    place = place_of(text)
+    if place is None:
+        return None
+    joint, placement = _carrier(robot, place.base)
+    return joint, placement * place.placement
+
+
+def _check_text(robot: Any, frame: Any) -> None:
+    """Raise InvalidModel for a frame with the text of a place that is elsewhere."""
+    try:
+        placed = _placed(robot, frame.name)
+    except (InvalidArgument, UnknownName):  # of a place that nobody can mean
+        return
+    if placed and not (placed[0] == frame.parentJoint and placed[1].isApprox(frame.placement)):
+        raise InvalidModel(
+            f"frame {frame.name!r} of {robot.name} has the text of a place and is elsewhere; "
+            "rename it"
+        )
+
+
+def _carrier(robot: Any, base: str) -> tuple[int, Any]:
+    """Joint of a place, by its name or number, or else the frame of that name."""
+    if base in WORLD:
+        return find_frame(robot, base)
+    number = number_of(base)
+    if number is None:
+        if base in robot.joints:
+            return int(robot.model.getJointId(base)), pin.SE3.Identity()
+        for each in robot.model.frames:  # a joint that was welded
+            if each.name == base and each.type == pin.FrameType.FIXED_JOINT:
+                return int(each.parentJoint), pin.SE3(each.placement)
+        return find_frame(robot, base)
+    if base in robot.joints:
+        raise InvalidModel(f"joint {base!r} of {robot.name} is named as a number; rename it")
+    if number > len(robot.joints):
+        raise InvalidArgument(
+            f"joint {number}: {robot.name} has joints 1 to {len(robot.joints)}, and the world, 0"
+        )
+    return number, pin.SE3.Identity()

@@ -29,13 +29,13 @@ from condyn_pin._core.arguments import check_count, normalised
 from condyn_pin._core.arrays import Array, finite, finite_rows, read_only
 from condyn_pin._core.joints import z_along
 from condyn_pin.constraints.base import (
-    WORLD,
     Constraint,
     Vector3,
     check_lengths,
     check_size,
     direction,
 )
+from condyn_pin.constraints.places import WORLD
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import ConstraintForce, upward

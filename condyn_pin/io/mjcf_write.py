@@ -35,10 +35,11 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import dry_friction, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.base import WORLD, Constraint, Vector3
+from condyn_pin.constraints.base import Constraint, Vector3
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.constraints.contacts.kinds import bind_contacts
 from condyn_pin.constraints.contacts.shapes import Plane, Shape
+from condyn_pin.constraints.places import WORLD
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.meshes import read_mesh
 from condyn_pin.io.mjcf import DRAWN, FAR

@@ -30,9 +30,9 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import few, quoted
 from condyn_pin._core.joints import UNLIMITED
-from condyn_pin.constraints.base import WORLD
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
+from condyn_pin.constraints.places import WORLD
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.description import (
     Body,

@@ -17,12 +17,12 @@ from condyn_pin._core._pin import pin, set_numbers, without_infinity
 from condyn_pin._core.arguments import Arguments, counted, normalised
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.joints import rotation_fault
-from condyn_pin.constraints.base import WORLD, Constraint, check_size
+from condyn_pin.constraints.base import Constraint, check_size
 from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.constraints.kinds import of_loops
-from condyn_pin.constraints.places import FrameLike, frame_text, number_of, place_of, settled
+from condyn_pin.constraints.places import WORLD, FrameLike, find_frame, settled
 from condyn_pin.constraints.rows.equations import least_pivots
-from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, UnknownName, unknown_name
+from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.model import joints as robot_joints
 from condyn_pin.model.joints import Limits, joint_of
 from condyn_pin.model.motors import CoupledMotor, check_coupled
@@ -143,78 +143,7 @@ def _posture(model: Any, name: str, q: ArrayLike) -> Array:
     return array
 
 
-# The frames of a Robot: which joint carries one, and a model with one more.
-
-
-def find_frame(robot: Robot, frame: FrameLike) -> tuple[int, Any]:
-    """Joint that carries a frame, and the frame's placement on it; see `Robot.frame`."""
-    name = frame_text("frame", frame)
-    found = [frame for frame in robot.model.frames if frame.name == name]
-    if name in WORLD:
-        elsewhere = any(f.parentJoint or f.placement != pin.SE3.Identity() for f in found)
-        if elsewhere or name in robot.joints:
-            raise InvalidModel(
-                f"frame {name!r} of {robot.name} has the world's name and is elsewhere; rename it"
-            )
-        return 0, pin.SE3.Identity()
-    if not found and name in robot.joints:  # a model that was built has joints, and no frames
-        return int(robot.model.getJointId(name)), pin.SE3.Identity()
-    if not found:
-        if (placed := _placed(robot, name)) is None:
-            raise unknown_name("frame", name, robot.frames)
-        return placed
-    first = found[0]
-    for other in found[1:]:
-        if other.parentJoint != first.parentJoint or other.placement != first.placement:
-            raise InvalidModel(
-                f"frame {name!r} of {robot.name} exists {len(found)} times in different "
-                "places; rename one of them or add your own with Robot.with_frame"
-            )
-    _check_text(robot, first)
-    return int(first.parentJoint), pin.SE3(first.placement)
-
-
-def _placed(robot: Robot, text: str) -> tuple[int, Any] | None:
-    """Joint of a place, and the placement on it; None for a plain name."""
-    place = place_of(text)
-    if place is None:
-        return None
-    joint, placement = _carrier(robot, place.base)
-    return joint, placement * place.placement
-
-
-def _check_text(robot: Robot, frame: Any) -> None:
-    """Raise InvalidModel for a frame with the text of a place that is elsewhere."""
-    try:
-        placed = _placed(robot, frame.name)
-    except (InvalidArgument, UnknownName):  # of a place that nobody can mean
-        return
-    if placed and not (placed[0] == frame.parentJoint and placed[1].isApprox(frame.placement)):
-        raise InvalidModel(
-            f"frame {frame.name!r} of {robot.name} has the text of a place and is elsewhere; "
-            "rename it"
-        )
-
-
-def _carrier(robot: Robot, base: str) -> tuple[int, Any]:
-    """Joint of a place, by its name or number, or else the frame of that name."""
-    if base in WORLD:
-        return find_frame(robot, base)
-    number = number_of(base)
-    if number is None:
-        if base in robot.joints:
-            return int(robot.model.getJointId(base)), pin.SE3.Identity()
-        for each in robot.model.frames:  # a joint that was welded
-            if each.name == base and each.type == pin.FrameType.FIXED_JOINT:
-                return int(each.parentJoint), pin.SE3(each.placement)
-        return find_frame(robot, base)
-    if base in robot.joints:
-        raise InvalidModel(f"joint {base!r} of {robot.name} is named as a number; rename it")
-    if number > len(robot.joints):
-        raise InvalidArgument(
-            f"joint {number}: {robot.name} has joints 1 to {len(robot.joints)}, and the world, 0"
-        )
-    return number, pin.SE3.Identity()
+# A model with one more frame.
 
 
 def model_with_frame(

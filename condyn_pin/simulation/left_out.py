@@ -20,7 +20,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms, data_of
-from condyn_pin.constraints.base import WORLD
+from condyn_pin.constraints.places import WORLD
 from condyn_pin.constraints.rows.bound import ConstraintViolation, beyond_text
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import CondynError
