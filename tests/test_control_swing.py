@@ -14,7 +14,7 @@ from condyn_pin._core.linalg import factorise, least_change
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact import FrictionCone
 from condyn_pin.control import CenterOfMass, Controller, FrameTask, Orientation, Posture
-from condyn_pin.control.limits import locked
+from condyn_pin.control.limits import locked_velocity
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.mechanism import project_velocity
 
@@ -124,7 +124,7 @@ def test_the_jacobian_of_points_and_frames_needs_no_motion(label: str) -> None:
 def test_springs_may_carry_links_without_mass() -> None:
     """M alone is singular there; the momentum is that of the motor."""
     M = np.diag([M_1, 0.0])
-    w = locked(np.array([0.3, -2.0]), M, np.zeros((0, 2)), np.array([[0.0, 1.0]]))
+    w = locked_velocity(np.array([0.3, -2.0]), M, np.zeros((0, 2)), np.array([[0.0, 1.0]]))
     assert w == pytest.approx([0.3, 0.0], abs=1e-15)
 
 

@@ -56,7 +56,7 @@ from condyn_pin.control.support import (
     pressed,
     touching_points,
 )
-from condyn_pin.dynamics.at_state import told
+from condyn_pin.dynamics.at_state import with_redundancy
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven, check_scene
 from condyn_pin.dynamics.solution import Sites, upward
 from condyn_pin.errors import Infeasible, InvalidArgument
@@ -395,7 +395,7 @@ class Brake:
         for contact, bound in zip(scene.constraints, scene.bounds, strict=True):
             if contact.presses and bound.rows.start not in self._cones.touching:
                 raise InvalidArgument(f"cones: none for {contact.name}, which then pulls as well")
-        self._equations = told(Equations(self._model, scene.bounds), scene)
+        self._equations = with_redundancy(Equations(self._model, scene.bounds), scene)
         self._start = self._center(q)
         points = touching_points(Sites(scene, q))
         self._reach = hull(floor, points).reach(self._start, way)

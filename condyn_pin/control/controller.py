@@ -379,7 +379,7 @@ class PythonTick:
             if not isfinite(passive.dot(passive)):
                 check_overflow("passive", passive, passive**2)
             if len(self._program.rigid):
-                v = self._program.without_swing(q, v)
+                v = self._program.locked_velocity(q, v)
             given, levels = self._program.assemble(q, v, t, passive)
             size = given.b.dot(given.b)
             for level in levels:

@@ -372,7 +372,7 @@ class Settings:
 # and the swing grows with alpha (beta / Omega)^2 only: little beside what springs lose.
 
 
-def locked(v: Array, M: Array, J: Array, rigid: Array) -> Array:
+def locked_velocity(v: Array, M: Array, J: Array, rigid: Array) -> Array:
     """Return the velocity (nv,) after joints were locked at once.
 
     Parameters

@@ -38,10 +38,15 @@ from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.cones import ContactCones
 from condyn_pin.control.hierarchy import FLOOR, JOINT, LAW, MOTOR, Level, Row, Rows, Stack
-from condyn_pin.control.limits import AccelerationBounds, ControlLimits, TorqueLimits, locked
+from condyn_pin.control.limits import (
+    AccelerationBounds,
+    ControlLimits,
+    TorqueLimits,
+    locked_velocity,
+)
 from condyn_pin.control.qp.base import Constraints, Elastic, peak
 from condyn_pin.control.tasks.base import DefaultReference, Motion, Task
-from condyn_pin.dynamics.at_state import told
+from condyn_pin.dynamics.at_state import with_redundancy
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
@@ -122,12 +127,12 @@ class Program:
             self._constant = Elimination.of(self.rigid, actuation.E)
         self._fixed: dict[Stack, tuple[Array, Array]] = {}  # where x has the same meaning always
 
-    def without_swing(self, q: Array, v: Array) -> Array:
+    def locked_velocity(self, q: Array, v: Array) -> Array:
         """Return the velocity that is left if joints that are taken for rigid are locked."""
         if not (self.rigid @ v).any() or not isfinite(np.vdot(q, q) + np.vdot(v, v)):
             return v  # what is not finite is refused later
         loops = self._held.consistent_jacobian(q) if self._held else self._no_loops
-        return locked(v, self.equations.mass(q), loops, self.rigid)
+        return locked_velocity(v, self.equations.mass(q), loops, self.rigid)
 
     @cached_property
     def _held(self) -> Equations | None:
@@ -138,7 +143,7 @@ class Program:
         if not held:
             return None
         alone = Scene(scene.robot, held)
-        return told(Equations(self.equations.model, alone.bounds), alone)
+        return with_redundancy(Equations(self.equations.model, alone.bounds), alone)
 
     @cached_property
     def _redundancy(self) -> Redundancy | None:

@@ -60,11 +60,11 @@ def equations_of(scene: Scene) -> Equations:
     """
     scene.robot.check_unedited()
     return _equations.of(
-        scene, None, lambda: told(Equations(scene.robot.unedited, scene.bounds), scene)
+        scene, None, lambda: with_redundancy(Equations(scene.robot.unedited, scene.bounds), scene)
     )
 
 
-def told(equations: Equations, scene: Scene) -> Equations:
+def with_redundancy(equations: Equations, scene: Scene) -> Equations:
     """Equations that know the redundancy of the scene's rows, computed on first use."""
     equations.redundancy = lambda: (
         scene.nominal.redundancy if scene.nominal.looks_independent else None

@@ -204,7 +204,7 @@ _TRIES = 2
 _LIMITS = (10, 20, 40, 80)
 
 
-class Choice(NamedTuple):
+class WeightChoice(NamedTuple):
     """Weight, iteration limit and corrections that a scene was measured to need."""
 
     mu: float
@@ -218,14 +218,14 @@ class Measured(NamedTuple):
     rank: int
     cost: float
     error: float
-    choice: Choice
+    choice: WeightChoice
 
 
 # From a choice to the method that it makes, and how many sweeps the last answer took.
-Start = Callable[[Choice], "tuple[BoundSolver, Callable[[], int]]"]
+MakeSolver = Callable[[WeightChoice], "tuple[BoundSolver, Callable[[], int]]"]
 
 
-def best_choice(solver: ArticulatedSolver, workspace: Workspace, start: Start) -> Choice:
+def best_choice(solver: ArticulatedSolver, workspace: Workspace, start: MakeSolver) -> WeightChoice:
     """Return the fastest weight that is accurate at the states that are measured.
 
     If none is, the one with the best product of error and sweeps. A weight that needs more
@@ -237,7 +237,7 @@ def best_choice(solver: ArticulatedSolver, workspace: Workspace, start: Start) -
 
     def best(refinements: int, limit: int) -> Measured:
         weights = (share * nominal.delassus_norm for share in _WEIGHT_SHARES)
-        choices = [Choice(mu, limit, refinements) for mu in weights]
+        choices = [WeightChoice(mu, limit, refinements) for mu in weights]
         return min(_measured(solver, workspace, start, states, choice) for choice in choices)
 
     if solver.refinements is not None:
@@ -252,15 +252,15 @@ def best_choice(solver: ArticulatedSolver, workspace: Workspace, start: Start) -
         if found.error <= _ACCURATE:
             break
     mu, limit, refinements = found.choice
-    return Choice(mu, min(2 * limit, solver.max_iterations), refinements)
+    return WeightChoice(mu, min(2 * limit, solver.max_iterations), refinements)
 
 
 def _measured(
     solver: ArticulatedSolver,
     workspace: Workspace,
-    start: Start,
+    start: MakeSolver,
     states: Sequence[NominalState],
-    choice: Choice,
+    choice: WeightChoice,
 ) -> Measured:
     """Return the measured rank, cost and error of a choice at some states."""
     method, made = start(choice)
@@ -280,7 +280,7 @@ def _measured(
 def _error(workspace: Workspace, method: BoundSolver, s: NominalState) -> float:
     """Return the relative error of a, or of the joint torques of the forces where that is larger.
 
-    Where a carries next to nothing of it, rounding of 1/mu goes into lam alone. The right a and the
+    Where a hardly depends on lam, rounding of order eps / mu shows in lam only. The right a and the
     lam of the answer leave a residual r, which is what J^T lam lacks.
     """
     of_a = float(np.abs(method.acceleration(s.q, s.v, s.tau) - s.a).max() / s.size)

@@ -37,7 +37,7 @@ from condyn_pin._core.arguments import (
 )
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import PinocchioConstraint
-from condyn_pin.dynamics.mu import Choice, Start, best_choice
+from condyn_pin.dynamics.mu import MakeSolver, WeightChoice, best_choice
 from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
 from condyn_pin.dynamics.workspace import Workspace
 
@@ -190,13 +190,13 @@ class ArticulatedSolver(Solver):
     def start(self, workspace: Workspace) -> BoundSolver:
         """Return this solver bound to `workspace`."""
 
-    def started(self, workspace: Workspace, start: Start) -> BoundSolver:
+    def started(self, workspace: Workspace, start: MakeSolver) -> BoundSolver:
         """Return the method with the weight of the scene, given or measured once."""
         nominal = workspace.scene.nominal
         if self.mu is not None:
-            chosen = Choice(self.mu, self.max_iterations, self.refinements or 0)
+            chosen = WeightChoice(self.mu, self.max_iterations, self.refinements or 0)
         elif (found := nominal.measured.get(self)) is not None:
-            chosen = Choice(*found)
+            chosen = WeightChoice(*found)
         else:
             nominal.measured[self] = chosen = best_choice(self, workspace, start)
         bound, _ = start(chosen)

@@ -144,7 +144,7 @@ def read_sdf(
         floating = root_joint is not None
         spanned = span(sdf, joints, root, floating=floating, kept=kept, cut=cut)
         tree = SdfTree(sdf, spanned, root_joint)
-        closing = [joint for joint in spanned.cut if tree.parts(joint)]
+        closing = [joint for joint in spanned.cut if tree.can_move(joint)]
         idle = [joint.name for joint in spanned.cut if joint not in closing]
         loops = tuple(tree.close(joint) for joint in closing)
         for name, (link, oMf) in sdf.frames.items():

@@ -441,7 +441,7 @@ class SdfTree(Tree):
         jMc = joint.pose.actInv(self.poses[joint.child])
         self._carry(joint.child, carrier, frame, iMj * jMc)
 
-    def parts(self, joint: Joint) -> bool:
+    def can_move(self, joint: Joint) -> bool:
         """True if the two links of a joint can move relative to each other."""
         first, second = (self._frames[link] for link in (joint.parent, joint.child))
         frames = self.model.frames

@@ -29,7 +29,6 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.mechanism.rank import check
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.left_out import bodies_passed, limits_passed
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.motion_status import (
@@ -45,6 +44,7 @@ from condyn_pin.simulation.motion_status import (
 from condyn_pin.simulation.plan import default_solver
 from condyn_pin.simulation.records import Phase
 from condyn_pin.simulation.torques import Passive
+from condyn_pin.simulation.unmodelled_contacts import bodies_passed, limits_passed
 from condyn_pin.stepping.single_step import ProvedSteps
 
 if TYPE_CHECKING:

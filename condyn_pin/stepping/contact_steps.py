@@ -11,7 +11,7 @@ less.
 The velocity is tangent to the constraints in the middle of the step, where J_b is dt/2 Jdot_b more,
 and Jdot_b v = gamma: loops stay closed to dt^3. One with J_b v+ = 0 would lose dt gamma in each
 step, and a four-bar with it 0.15 J in a second at 1 ms, in place of 0.004 J. Where nothing touches,
-h is taken at the mean of v and v+. What a step leaves open is closed behind it.
+h is taken at the mean of v and v+. `LoopProjection` closes loops that are open after the step.
 
 Velocities of floating bodies are in axes that stand still within the step (`Manifold`): h is
 M w x u less, and gamma J_b w x u.
@@ -308,7 +308,7 @@ class ContactSteps:
     def _answered(self, t: float, q: Array, v: Array) -> list[StepAttempt]:
         """Return a step as it was tried, each time along the path before; the last one is taken."""
         tried, self._furthest = [self._first(t, q, v)], None
-        off = self._off(tried[0])
+        off = self._end_gap_errors(tried[0])
         return tried if off is None else self._along_paths(tried, off)
 
     def _along_paths(self, tried: list[StepAttempt], off: Array) -> list[StepAttempt]:
@@ -342,7 +342,7 @@ class ContactSteps:
             if not tried[-1].is_answer_of(solver):
                 del tried[-1], paths[-1]
                 break
-            now = by_group(self._off(tried[-1]))
+            now = by_group(self._end_gap_errors(tried[-1]))
             better = now < least
             best[better], least[better] = len(tried) - 1, now[better]
             at_last = np.where(ended < 0, len(tried) - 1, ended)
@@ -368,11 +368,11 @@ class ContactSteps:
             tried = answered(posed, solver)
         return tried
 
-    def _off(self, tried: StepAttempt) -> Array | None:
+    def _end_gap_errors(self, tried: StepAttempt) -> Array | None:
         """Error of gaps at the end of a step (k,) [m, rad]; None if within tolerance."""
         if not self._scheme.closes_gaps or not tried.is_answer_of(self._scheme.contact):
             return None
-        return self.ends.off(tried.posed, tried.attempt.lam, tried.v)
+        return self.ends.gap_errors(tried.posed, tried.attempt.lam, tried.v)
 
     def _missed(self, posed: StepProblem, v1: Array) -> NDArray[np.bool_] | None:
         """Return a flag for each gap that the step closes and that takes no part, None for none.
@@ -633,7 +633,7 @@ class LoopProjection:
 
     def closed(self, of_step: MinimumNorm, q: Array) -> Array:
         """Return q with loops closed."""
-        return self.way(of_step, q)[-1].end if of_step.rank else q
+        return self.closing_path(of_step, q)[-1].end if of_step.rank else q
 
     def work(self, q: Array, q1: Array, v: Array) -> float:
         """Energy gained by the move from q to q1, which closes the loops [J]."""
@@ -644,7 +644,7 @@ class LoopProjection:
             won += float(passive.energy(q1) - passive.energy(q))
         return float(won)
 
-    def way(self, of_step: MinimumNorm, q: Array) -> list[Closing]:
+    def closing_path(self, of_step: MinimumNorm, q: Array) -> list[Closing]:
         """Path from q to closed loops by Newton steps, one part for each set of factors."""
         way, least = [Closing(of_step, q, q)], inf
         for _ in range(_CLOSINGS if of_step.rank else 0):

@@ -186,7 +186,7 @@ class EndsOfPaths:
         self._run = algorithms(self._data)
         self._pairs = self._contacts.several
 
-    def off(self, posed: StepProblem, lam: Array, v1: Array) -> Array | None:
+    def gap_errors(self, posed: StepProblem, lam: Array, v1: Array) -> Array | None:
         """Error of gaps at the end of a step (k,) [m, rad]; None if within tolerance.
 
         Too deep, or pressed on before it touches; or pressed on along J at the beginning where its

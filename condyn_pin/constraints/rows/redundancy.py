@@ -257,7 +257,7 @@ class Redundancy:
     def to_close(self, J: Array, c: Array) -> Array:
         """Gap c (m,) without the part that the digits of the file explain, if it is within them.
 
-        Everything where it is more, or where digits make up nothing.
+        All of c where the gap is larger, or where digits make no row independent.
         """
         left = self.left_out_by_digits(J)
         if left is None or np.abs(self.R * left.rest(c)).max() > self.precision:
@@ -309,7 +309,7 @@ class Redundancy:
 class _Pivoted:
     """QR factorisation of the scaled rows at one state, and the number of rows that count.
 
-    So many as a rank that is known, or as the digits of a file let count, or by the rule.
+    `rank` rows if it is given, else as many as the digits of the file allow, else by the pivots.
     """
 
     def __init__(self, of: Redundancy, J: Array, c: Array, rank: int | None = None) -> None:

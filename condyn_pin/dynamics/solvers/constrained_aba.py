@@ -11,7 +11,7 @@ from condyn_pin._core.compiled import missing_constrained_aba
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.compiled import CompiledMethod
-from condyn_pin.dynamics.mu import Choice
+from condyn_pin.dynamics.mu import WeightChoice
 from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected
 from condyn_pin.dynamics.solvers.base import BoundSolver
 from condyn_pin.dynamics.workspace import Workspace
@@ -74,13 +74,13 @@ class ConstrainedABA(ArticulatedSolver):
         constraints = workspace.pinocchio_constraints.constraints
         wanted = self.wanted(workspace)
 
-        def recursion(model: Any, drift: Baumgarte | None, chosen: Choice) -> CompiledMethod:
+        def recursion(model: Any, drift: Baumgarte | None, chosen: WeightChoice) -> CompiledMethod:
             return CompiledMethod(
                 "ConstrainedABA", model, constraints, drift,
                 mu=chosen.mu, accuracy=wanted, limit=chosen.limit,
             )  # fmt: skip
 
-        def start(chosen: Choice) -> tuple[BoundSolver, Callable[[], int]]:
+        def start(chosen: WeightChoice) -> tuple[BoundSolver, Callable[[], int]]:
             workspace.proximal_settings = _pin.proximal_settings(
                 wanted, 0.0, chosen.mu, chosen.limit
             )

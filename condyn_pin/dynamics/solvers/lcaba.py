@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 from condyn_pin._core import _pin
 from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.at_state import raw_constraints, without_gravity
-from condyn_pin.dynamics.mu import Choice
+from condyn_pin.dynamics.mu import WeightChoice
 from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected, Recursion
 from condyn_pin.dynamics.solvers.base import BoundSolver
 from condyn_pin.dynamics.workspace import Workspace
@@ -82,7 +82,7 @@ class LCABA(ArticulatedSolver):
         recursion = Recursion(workspace.model, workspace.data, pinocchio_constraints, models, datas)
         wanted = self.wanted(workspace)
 
-        def start(chosen: Choice) -> tuple[BoundSolver, Callable[[], int]]:
+        def start(chosen: WeightChoice) -> tuple[BoundSolver, Callable[[], int]]:
             settings = _pin.proximal_settings(wanted, 0.0, chosen.mu, chosen.limit)
             workspace.proximal_settings = settings
             bound = _method(workspace, recursion, settings, chosen.refinements)

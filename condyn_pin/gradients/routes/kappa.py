@@ -75,7 +75,7 @@ class Kappa(LawRoute):
     Notes
     -----
     The differentiated step has different impulses from the step that was taken: `q` and `v` of the
-    result are its own end. It needs no modes, and has no kinks of its own. That of a scheme stays:
+    result are its own end. The smooth law has no modes and no kinks. A kink of the scheme remains:
     `StewartTrinkle` closes a gap in one step and pushes a penetration out in five, so that at a gap
     of zero derivatives hold on one side, and `one_sided` is set. What rests is
     kappa g dt^2 above the floor; `Moreau`, whose contacts take part at a gap of zero, has them take

@@ -255,7 +255,7 @@ def moved(
     dq = (rest * by_move).dot(dv1)
     dq[:, columns.q] += by_at
     there = steps.floating.integrate(posed.at, move)
-    way = steps.steps.closings.way(posed.condensed.factors, there)
+    way = steps.steps.closings.closing_path(posed.condensed.factors, there)
     if posed.condensed.factors.rank and len(steps.placed):
         parts = [part for part in way if part.end is not part.begin] or way
         for part in parts:

@@ -173,13 +173,13 @@ def _planes(scene: Scene) -> list[_Ground]:
             key = (touch.ground, *np.round([*n, height], 9).tolist())
             if key not in found:
                 words = _words(scene, touch.ground, n, height)
-                apart = _apart(scene.robot, touch.ground)
+                apart = _excluded_bodies(scene.robot, touch.ground)
                 found[key] = _Ground(*words, touch.ground, touch.plane, touch.friction, {}, apart)
             found[key].allowed[touch.joint] = tolerances.FEET_IN_THE_GROUND
     return list(found.values())
 
 
-def _apart(robot: Robot, joint: int) -> frozenset[str]:
+def _excluded_bodies(robot: Robot, joint: int) -> frozenset[str]:
     """Bodies that a description lets pass through the world, or through those on a joint."""
     here = {*WORLD}
     if joint:
