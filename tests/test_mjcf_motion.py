@@ -6,6 +6,7 @@ those of MuJoCo. What is not modelled moves MuJoCo's terms away from ours, and h
 
 from __future__ import annotations
 
+import itertools
 import re
 from pathlib import Path
 
@@ -442,6 +443,32 @@ def test_limits_of_motors_on_several_joints(tmp_path, words, wanted):
     assert made == CoupledMotor("m", {"j": 2.0, "k": 3.0}, wanted)
 
 
+def test_limits_of_motors_are_those_of_their_joints(tmp_path):
+    """Of all motors on a joint together, as MuJoCo's forces of actuators at any control."""
+    motors = (
+        '<motor joint="j" gear="2" ctrlrange="-3 3"/><motor joint="j" gear="-1" forcerange="-2 5"/>'
+        '<position joint="k" kp="7" ctrlrange="-1 1" forcerange="-4 4"/><motor joint="l"/>'
+    )
+    text = two(motor(motors))
+    robot = read_text(tmp_path, text)
+    efforts = {j: robot.model.effortLimit[robot.model.joints[robot.model.getJointId(j)].idx_v]
+               for j in "jkl"}  # fmt: skip
+    assert (efforts["j"], efforts["k"]) == (8.0, 4.0)  # 6 + 2 upwards, 6 + 5 downwards
+    assert efforts["l"] > 1e300
+    (said,) = (line for line in robot.unused if "differ by direction" in line)
+    assert "(j)" in said
+    referee = mujoco.MjModel.from_xml_string(text)
+    data, pushed = mujoco.MjData(referee), []
+    for ctrl in itertools.product((-100.0, 100.0), repeat=4):
+        data.ctrl[:] = ctrl
+        mujoco.mj_forward(referee, data)
+        pushed.append(data.qfrc_actuator[[referee.joint(j).dofadr[0] for j in "jk"]].copy())
+    assert np.abs(pushed).max(axis=0).tolist() == [11.0, 4.0]
+    assert np.max(pushed, axis=0).tolist() == [8.0, 4.0]
+    again = read_text(tmp_path, robot.to_mjcf(shapes=False))
+    np.testing.assert_array_equal(again.model.effortLimit, robot.model.effortLimit)
+
+
 @pytest.mark.parametrize(
     "option",
     [
@@ -486,10 +513,10 @@ def test_a_range_of_force_of_a_tendon_limits_the_motor_that_pulls_on_it_alone(tm
     assert any("tendons that motors share, or over one joint (sum)" in x for x in robot.unused)
 
 
-def test_a_range_of_force_of_a_joint_is_not_lost_without_a_word(tmp_path):
+def test_a_range_of_force_of_a_joint_is_its_effort_limit(tmp_path):
     text = two(SUM_AND_DIFFERENCE + motor('<motor name="m" tendon="sum"/>'))
     robot = read_text(tmp_path, text.replace('name="j"', 'name="j" actuatorfrcrange="-2 2"', 1))
-    assert any("ranges of force of joints (j)" in line for line in robot.unused)
+    assert 2.0 in robot.model.effortLimit
 
 
 def test_a_motor_has_a_name_of_its_own(tmp_path):

@@ -104,7 +104,7 @@ class _Reader:
             if name in WORLD:
                 raise InvalidModel(f"the name {name!r} is the world's; rename it")
         self.tree = DrawnTree(mj.names.split(b"\0", 1)[0].decode(), self.bodies)
-        self.had = Transmissions(mj)
+        self.had, self.efforts = Transmissions(mj), efforts(mj)
         self.unused, self.lost_rows = list(lost), list[str]()
 
     def read(self) -> Description:
@@ -172,6 +172,7 @@ class _Reader:
             # that of a free joint is along the axes of the world, which no Pinocchio joint has
             armature=0.0 if kind == "free" else float(self.had.armature[dof]),
             damping=float(self.had.damping[dof]),
+            effort=next((most for most in sorted(self.efforts[j].tolist()) if most > 0.0), inf),
         )
 
     def _add_site(self, s: int, site: str) -> None:
@@ -497,6 +498,7 @@ def _limits(mj: Any, k: int) -> tuple[float, float]:
     fixed = mj.actuator_gaintype[k] == int(types.mjtGain.mjGAIN_FIXED)
     direct = mj.actuator_dyntype[k] == int(types.mjtDyn.mjDYN_NONE)
     clamped = mj.actuator_ctrllimited[k] and not disabled(mj, "CLAMPCTRL")
+    direct = direct and not _biased(mj)[k]  # ctrl of a servo is no force
     ranges = [[-inf, inf]]
     if mj.actuator_forcelimited[k]:
         ranges.append(mj.actuator_forcerange[k].tolist())
@@ -514,6 +516,28 @@ def _held_tendon(mj: Any, k: int) -> int | None:
     kind, t = targets[k]
     held = kind == "tendon" and mj.tendon_actfrclimited[t] and targets.count((kind, t)) == 1
     return t if held else None
+
+
+def efforts(mj: Any) -> Array:
+    """Largest torques (njnt, 2) of all motors on each joint down and up [N m, N].
+
+    Infinite where there is no limit, or where motors on several joints act too: those have their
+    own.
+    """
+    own, moved = np.zeros((mj.njnt, 2)), np.zeros(mj.njnt, dtype=bool)
+    for k, ((kind, target), j) in enumerate(zip(pulled(mj), driven(mj), strict=True)):
+        if j is not None:
+            arm = coefficients_of(mj, target) if kind == "tendon" else None
+            gear = float(mj.actuator_gear[k, 0]) * (arm[j] if arm else 1.0)
+            pushes = sorted(gear * x if gear else 0.0 for x in _limits(mj, k))
+            own[j] += np.array([-pushes[0], pushes[1]])
+            moved[j] = True
+    names = joint_names(mj)
+    several = {name for motor in coupled_motors(mj).values() for name in motor.weights}
+    alone = moved & ~np.isin(names, list(several))
+    found = np.where(alone[:, None], own, inf)
+    within = np.where(mj.jnt_actfrclimited[:, None], mj.jnt_actfrcrange * [-1.0, 1.0], inf)
+    return np.asarray(np.minimum(found, within))
 
 
 FREE, BALL = 0, 1  # of MuJoCo's mjtJoint
@@ -608,8 +632,12 @@ def unused(mj: Any, had: Transmissions, coupled: Collection[int]) -> Iterator[st
     scalar = mj.jnt_type > BALL
     if limited := _named(joints, scalar & np.isfinite(had.limits).any(axis=1)):
         yield f"limits of position ({len(limited)} joints)"
-    if pressed := _named(joints, mj.jnt_actfrclimited):
-        yield f"ranges of force of joints ({few(pressed)}): effortLimit of a model is one"
+    most = efforts(mj)
+    if uneven := _named(joints, scalar & (most[:, 0] != most[:, 1])):
+        yield (
+            f"torque limits that differ by direction ({few(uneven)}): the effort limit is the "
+            "smaller one that is not zero"
+        )
     held = {_held_tendon(mj, k) for k in coupled}
     shared = [
         name for t, name in enumerate(of["tendon"]) if mj.tendon_actfrclimited[t] and t not in held

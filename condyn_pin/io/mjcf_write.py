@@ -34,6 +34,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import dry_friction, pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import UNLIMITED
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.base import Constraint, Vector3
 from condyn_pin.constraints.contacts.base import Contact
@@ -489,6 +490,9 @@ def write_joint(robot: Robot, i: int, B: Any, drawn: Array) -> dict[str, str]:
             )
         if values[0]:
             said[key] = numbers(values[0])
+    most = float(model.effortLimit[joint.idx_v])
+    if joint.nv == 1 and name in robot.motor_joints and 0.0 < most < UNLIMITED:
+        said["actuatorfrcrange"] = numbers([-most, most])
     return {"name": str(name)} | said | _spring([s for s in robot.springs if s.joint == name])
 
 

@@ -82,6 +82,7 @@ class DrawnJoint:
     upper: float = inf
     armature: float = 0.0  # [kg m^2 or kg]
     damping: float = 0.0  # [N m s/rad or N s/m]
+    effort: float = inf  # largest torque of its motors [N m or N]
 
     @property
     def scalar(self) -> bool:
@@ -152,7 +153,7 @@ class DrawnTree(Tree):
             E = pin.SE3(pin.exp3(back), np.zeros(3)) if hinge else pin.SE3(np.eye(3), back)
             made = one_coordinate(joint.axis, hinge=hinge)
             iMj, jMb = iMb * to_point * E, to_point.inverse()
-            limits = (inf, inf, joint.lower, joint.upper)
+            limits = (joint.effort, inf, joint.lower, joint.upper)
         settings = {"armature": joint.armature, "damping": joint.damping}
         return self.add_joint(carrier, made, iMj, joint.name, limits=limits, **settings), jMb
 
