@@ -519,6 +519,20 @@ def test_a_range_of_force_of_a_joint_is_its_effort_limit(tmp_path):
     assert 2.0 in robot.model.effortLimit
 
 
+def test_a_range_of_force_of_a_tendon_over_one_joint_is_an_effort_limit(tmp_path):
+    one = (
+        '<tendon><fixed name="t" actuatorfrcrange="-3 3"><joint joint="j" coef="2"/></fixed>'
+        "</tendon>"
+    )
+    text = two(one + motor('<motor name="m" tendon="t" gear="5"/>'))
+    robot, referee = read_text(tmp_path, text), mujoco.MjModel.from_xml_string(text)
+    data = mujoco.MjData(referee)
+    data.ctrl[:] = 100.0
+    mujoco.mj_forward(referee, data)
+    assert np.abs(data.qfrc_actuator).max() in robot.model.effortLimit
+    assert not any("ranges of force" in line for line in robot.unused)
+
+
 def test_a_motor_has_a_name_of_its_own(tmp_path):
     motors = motor('<motor name="j" tendon="sum"/><motor name="j_motor" tendon="sum"/>')
     robot = read_text(tmp_path, two(SUM_AND_DIFFERENCE + motors))

@@ -21,7 +21,8 @@ site to site is a SpringDamper.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from math import inf
 from os import PathLike
 from typing import Any, Final, NamedTuple
@@ -104,7 +105,8 @@ class _Reader:
             if name in WORLD:
                 raise InvalidModel(f"the name {name!r} is the world's; rename it")
         self.tree = DrawnTree(mj.names.split(b"\0", 1)[0].decode(), self.bodies)
-        self.had, self.efforts = Transmissions(mj), efforts(mj)
+        self.had, self.coupled = Transmissions(mj), coupled_motors(mj)
+        self.efforts = efforts(mj, self.coupled.values())
         self.unused, self.lost_rows = list(lost), list[str]()
 
     def read(self) -> Description:
@@ -117,7 +119,6 @@ class _Reader:
         set_dry_friction(tree.model, self.had.friction)
         loops = tuple(self._equalities())
         motors = [self.joints[j] for j in driven(mj) if j is not None]
-        coupled = coupled_motors(mj)
         scalar = {name for name, joint in tree.joints.items() if joint.scalar}
         springs = [Spring(self.joints[j], k, rest) for j, k, rest in self.had.springs]
         name = tree.model.name
@@ -125,14 +126,14 @@ class _Reader:
             tree.model,
             loops=loops,
             actuated=tuple(dict.fromkeys(motors)),
-            coupled_motors=tuple(coupled.values()),
+            coupled_motors=tuple(self.coupled.values()),
             springs=tuple(spring for spring in springs if spring.joint in scalar),
             spring_dampers=tuple(
                 SpringDamper(self._site_frame(a), self._site_frame(b), *values)
                 for (a, b), *values in self.had.straight
             ),
             postures=self._postures(),
-            unused=(*self.unused, *unused(mj, self.had, coupled)),
+            unused=(*self.unused, *unused(mj, self.had, self.coupled, self.efforts)),
             unmodelled=(*self.lost_rows, *unmodelled(mj, self.had)),
             lost_rows=tuple(self.lost_rows),
             exclusions=frozenset(
@@ -475,9 +476,10 @@ def coupled_motors(mj: Any) -> dict[int, CoupledMotor]:
     acts = (mj.actuator_gaintype == fixed) & np.logical_not(_biased(mj))
     names = names_of(mj, "actuator")
     taken, found = {*joints, *names}, {}
-    for k, (name, (kind, target)) in enumerate(zip(names, pulled(mj), strict=True)):
+    each = zip(names, pulled(mj), _force_limits(mj).tolist(), strict=True)
+    for k, (name, (kind, target), (least, largest)) in enumerate(each):
         weights = coefficients_of(mj, target) if kind == "tendon" and acts[k] else None
-        gear, (least, largest) = float(mj.actuator_gear[k, 0]), _limits(mj, k)
+        gear = float(mj.actuator_gear[k, 0])
         if weights and len(weights) > 1 and gear and least < largest:
             if name in joints:
                 name += "_motor"
@@ -489,55 +491,63 @@ def coupled_motors(mj: Any) -> dict[int, CoupledMotor]:
     return found
 
 
-def _limits(mj: Any, k: int) -> tuple[float, float]:
-    """Least and largest force of an actuator: its forcerange, and gain times its ctrlrange.
+def _force_limits(mj: Any) -> Array:
+    """Least and largest force (nu, 2) of each actuator: its forcerange, and gain times ctrlrange.
 
     Where it pulls on a tendon alone, that tendon's range of force too.
     """
-    types, gain = require_mujoco(""), float(mj.actuator_gainprm[k, 0])
-    fixed = mj.actuator_gaintype[k] == int(types.mjtGain.mjGAIN_FIXED)
-    direct = mj.actuator_dyntype[k] == int(types.mjtDyn.mjDYN_NONE)
-    clamped = mj.actuator_ctrllimited[k] and not disabled(mj, "CLAMPCTRL")
-    direct = direct and not _biased(mj)[k]  # ctrl of a servo is no force
-    ranges = [[-inf, inf]]
-    if mj.actuator_forcelimited[k]:
-        ranges.append(mj.actuator_forcerange[k].tolist())
-    if clamped and fixed and direct:
-        ranges.append(sorted((gain * mj.actuator_ctrlrange[k]).tolist()))
-    if (t := _held_tendon(mj, k)) is not None:
-        ranges.append(mj.tendon_actfrcrange[t].tolist())
-    least, largest = (max(low for low, _ in ranges), min(high for _, high in ranges))
-    return (least if least > -FAR else -inf), (largest if largest < FAR else inf)
+    types = require_mujoco("")
+    fixed = mj.actuator_gaintype == int(types.mjtGain.mjGAIN_FIXED)
+    direct = mj.actuator_dyntype == int(types.mjtDyn.mjDYN_NONE)
+    clamped = (mj.actuator_ctrllimited > 0) & (not disabled(mj, "CLAMPCTRL"))
+    pulls = _held_tendons(mj)
+    on_tendon = np.isin(np.arange(mj.nu), [*pulls])
+    of_tendon = np.zeros((mj.nu, 2))
+    of_tendon[[*pulls]] = mj.tendon_actfrcrange[[*pulls.values()]]
+    found = np.tile([-inf, inf], (mj.nu, 1))
+    for holds, ranges in (
+        (mj.actuator_forcelimited > 0, mj.actuator_forcerange),
+        # ctrl of a servo is no force
+        (
+            clamped & fixed & direct & np.logical_not(_biased(mj)),
+            np.sort(mj.actuator_gainprm[:, :1] * mj.actuator_ctrlrange, axis=1),
+        ),
+        (on_tendon, of_tendon),
+    ):
+        found[holds, 0] = np.maximum(found[holds, 0], ranges[holds, 0])
+        found[holds, 1] = np.minimum(found[holds, 1], ranges[holds, 1])
+    return np.where(np.abs(found) < FAR, found, [-inf, inf])
 
 
-def _held_tendon(mj: Any, k: int) -> int | None:
-    """Tendon on which an actuator pulls alone, if it has a range of force; else None."""
+def _held_tendons(mj: Any) -> dict[int, int]:
+    """Tendons with a range of force on which one actuator pulls alone, by that actuator."""
     targets = [*pulled(mj)]
-    kind, t = targets[k]
-    held = kind == "tendon" and mj.tendon_actfrclimited[t] and targets.count((kind, t)) == 1
-    return t if held else None
+    counts = Counter(targets)
+    return {
+        k: t
+        for k, (kind, t) in enumerate(targets)
+        if kind == "tendon" and mj.tendon_actfrclimited[t] and counts[kind, t] == 1
+    }
 
 
-def efforts(mj: Any) -> Array:
+def efforts(mj: Any, coupled: Iterable[CoupledMotor]) -> Array:
     """Largest torques (njnt, 2) of all motors on each joint down and up [N m, N].
 
-    Infinite where there is no limit, or where motors on several joints act too: those have their
-    own.
+    Infinite where there is no limit, or where `coupled` motors act too: those have their own.
     """
     own, moved = np.zeros((mj.njnt, 2)), np.zeros(mj.njnt, dtype=bool)
-    for k, ((kind, target), j) in enumerate(zip(pulled(mj), driven(mj), strict=True)):
+    each = zip(pulled(mj), driven(mj), _force_limits(mj).tolist(), strict=True)
+    for k, ((kind, target), j, limits) in enumerate(each):
         if j is not None:
             arm = coefficients_of(mj, target) if kind == "tendon" else None
             gear = float(mj.actuator_gear[k, 0]) * (arm[j] if arm else 1.0)
-            pushes = sorted(gear * x if gear else 0.0 for x in _limits(mj, k))
-            own[j] += np.array([-pushes[0], pushes[1]])
+            down, up = sorted(gear * x if gear else 0.0 for x in limits)
+            own[j] += -down, up
             moved[j] = True
-    names = joint_names(mj)
-    several = {name for motor in coupled_motors(mj).values() for name in motor.weights}
-    alone = moved & ~np.isin(names, list(several))
-    found = np.where(alone[:, None], own, inf)
+    several = {name for motor in coupled for name in motor.weights}
+    alone = moved & ~np.isin(joint_names(mj), [*several])
     within = np.where(mj.jnt_actfrclimited[:, None], mj.jnt_actfrcrange * [-1.0, 1.0], inf)
-    return np.asarray(np.minimum(found, within))
+    return np.asarray(np.minimum(np.where(alone[:, None], own, inf), within))
 
 
 FREE, BALL = 0, 1  # of MuJoCo's mjtJoint
@@ -588,10 +598,11 @@ def unmodelled(mj: Any, had: Transmissions) -> Iterator[str]:
         yield "the medium around the bodies (density, viscosity, wind)"
 
 
-def unused(mj: Any, had: Transmissions, coupled: Collection[int]) -> Iterator[str]:
+def unused(mj: Any, had: Transmissions, coupled: Collection[int], most: Array) -> Iterator[str]:
     """Yield the other parts of a mujoco.MjModel that are not used, or not by default.
 
-    `coupled` are the numbers of actuators that are motors on several joints.
+    `coupled` are the numbers of actuators that are motors on several joints, and `most` what
+    `efforts` has found.
     """
     joints, alone = joint_names(mj), driven(mj)
     counts = {
@@ -632,13 +643,12 @@ def unused(mj: Any, had: Transmissions, coupled: Collection[int]) -> Iterator[st
     scalar = mj.jnt_type > BALL
     if limited := _named(joints, scalar & np.isfinite(had.limits).any(axis=1)):
         yield f"limits of position ({len(limited)} joints)"
-    most = efforts(mj)
     if uneven := _named(joints, scalar & (most[:, 0] != most[:, 1])):
         yield (
             f"torque limits that differ by direction ({few(uneven)}): the effort limit is the "
             "smaller one that is not zero"
         )
-    held = {_held_tendon(mj, k) for k in coupled}
+    held = {*_held_tendons(mj).values()}
     shared = [
         name for t, name in enumerate(of["tendon"]) if mj.tendon_actfrclimited[t] and t not in held
     ]
