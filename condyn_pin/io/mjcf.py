@@ -482,13 +482,18 @@ def coupled_motors(mj: Any) -> dict[int, CoupledMotor]:
         gear = float(mj.actuator_gear[k, 0])
         if weights and len(weights) > 1 and gear and least < largest:
             if name in joints:
-                name += "_motor"
-                while name in taken:
-                    name += "_"
+                name = spare(f"{name}_motor", taken)
                 taken.add(name)
             pulls = {joints[j]: gear * c for j, c in weights.items()}
             found[k] = CoupledMotor(name, pulls, (least, largest))
     return found
+
+
+def spare(name: str, taken: Collection[str]) -> str:
+    """Name that is not taken, with as many underscores behind it as that needs."""
+    while name in taken:
+        name += "_"
+    return name
 
 
 def _force_limits(mj: Any) -> Array:

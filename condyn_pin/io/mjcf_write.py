@@ -43,7 +43,7 @@ from condyn_pin.constraints.contacts.shapes import Plane, Shape
 from condyn_pin.constraints.places import WORLD
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.meshes import read_mesh
-from condyn_pin.io.mjcf import DRAWN, FAR
+from condyn_pin.io.mjcf import DRAWN, FAR, spare
 from condyn_pin.io.shapes import Shape as Drawn
 from condyn_pin.io.shapes import shapes_of
 from condyn_pin.model.robot import Robot
@@ -186,8 +186,7 @@ class RobotWriter:
 
     def fixed_tendon(self, name: str, weights: Mapping[str, float]) -> str:
         """Return the name of a new tendon: a weighted sum of joint coordinates."""
-        while any(tendon.get("name") == name for tendon in self._tendons()):
-            name += "_"
+        name = spare(name, {str(tendon.get("name")) for tendon in self._tendons()})
         tendon = SubElement(self._tendons(), "fixed", name=name)
         for joint, weight in weights.items():
             SubElement(tendon, "joint", joint=joint, coef=numbers(weight))
@@ -215,18 +214,13 @@ class RobotWriter:
         """Return the site of a frame; a body's or the world's own frame gets one."""
         if frame in self.sites:
             return frame
-        return self._add_site(self._spare(new), *self.robot.frame(frame))
+        return self._add_site(spare(new, self.sites | self.bodies), *self.robot.frame(frame))
 
     def site_beside(self, frame: str, new: str, shift: Vector3) -> str:
         """Return a new site, shifted from a frame in its axes [m]."""
         i, placement = self.robot.frame(frame)
         shifted = placement * pin.SE3(np.eye(3), np.array(shift))
-        return self._add_site(self._spare(new), i, shifted)
-
-    def _spare(self, name: str) -> str:
-        while name in self.sites or name in self.bodies:
-            name += "_"
-        return name
+        return self._add_site(spare(new, self.sites | self.bodies), i, shifted)
 
     def _add_geoms(self, contacts: tuple[Contact, ...], shapes: bool) -> None:
         """Write the visual shapes if `shapes`, and the unilateral contacts."""
@@ -249,9 +243,7 @@ class RobotWriter:
                 SubElement(actuator, "motor", said | {"gear": numbers(np.eye(6)[k])})
                 taken.add(said["name"])
         for motor in self.robot.coupled_motors:
-            name = motor.name
-            while name in taken:
-                name += "_"
+            name = spare(motor.name, taken)
             taken.add(name)
             said = {"name": name, "tendon": self.fixed_tendon(motor.name, motor.weights)}
             if motor.limits != (-inf, inf):
