@@ -68,8 +68,8 @@ from condyn_pin.control import (
     Quadprog,
 )
 from condyn_pin.control.program import Program
-from condyn_pin.control.qp.base import QuadraticProgram
 from condyn_pin.control.qp.chain import SolverLadder, _independent
+from condyn_pin.control.qp.qp_solver import QuadraticProgram
 from condyn_pin.io.description import example_robot_data
 from condyn_pin.mechanism import project_velocity
 

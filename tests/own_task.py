@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from condyn_pin.control import TASKS, Task
-from condyn_pin.control.tasks.base import BoundTask
+from condyn_pin.control.tasks.task import BoundTask
 
 
 @contextmanager

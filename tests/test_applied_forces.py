@@ -128,7 +128,7 @@ def test_a_force_does_the_work_of_its_frame(kind):
 @pytest.mark.parametrize("kind", list(joints()))
 def test_torques_change_with_q_as_differences_say(kind, axes):
     """The partial of sum J_f^T f alone, of joints whose axes turn with their own q too."""
-    from condyn_pin.dynamics.derivatives.base import load_partial
+    from condyn_pin.dynamics.derivatives.solution_derivatives import load_partial
 
     made = chain_on(kind)
     q, _, _ = state_of(made, 1)

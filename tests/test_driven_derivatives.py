@@ -22,7 +22,7 @@ from condyn_pin.gradients import (
     step_derivatives_batch,
     trajectory_derivatives,
 )
-from condyn_pin.gradients.routes.base import linear_steps
+from condyn_pin.gradients.routes.route import linear_steps
 from condyn_pin.stepping import SoftStep
 
 T, DT = 0.1, 1e-3

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from condyn_pin.control import ProxQP
-from condyn_pin.control.qp.base import QPResult
+from condyn_pin.control.qp.qp_solver import QPResult
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))

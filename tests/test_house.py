@@ -117,7 +117,7 @@ def test_one_more_step_is_read_in_few_files():
 BY_NEWTON_EULER = {
     "constraints/rows/equations.py",
     "dynamics/solvers/minimum_residual.py",
-    "simulation/integrators/base.py",
+    "simulation/integrators/integrator.py",
 }
 
 

@@ -22,7 +22,7 @@ import pytest
 from viewed import parts
 
 import condyn_pin as cp
-from condyn_pin.constraints.base import KINDS
+from condyn_pin.constraints.constraint import KINDS
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 
@@ -34,7 +34,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin.constraints.base import check_lengths
+from condyn_pin.constraints.constraint import check_lengths
 from condyn_pin.constraints.relation import FrameRelation
 
 
@@ -256,7 +256,7 @@ def test_nothing_outside_of_the_room_asks_for_the_kind():
     ]
     assert len(found) <= QUESTIONS, (
         f"{found} ask what kind a constraint is: make the question a method of Constraint, with a "
-        "default, in constraints/base.py"
+        "default, in constraints/constraint.py"
     )
 
 

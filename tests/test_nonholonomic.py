@@ -24,7 +24,7 @@ from condyn_pin.dynamics.derivatives.kkt import Linearisation
 from condyn_pin.dynamics.workspace import unsupported
 from condyn_pin.mechanism.classification import _is_involutive, bracket
 from condyn_pin.mechanism.closed_chains import chains_of
-from condyn_pin.model.mechanisms.base import add_rod, disc
+from condyn_pin.model.mechanisms.registry import add_rod, disc
 
 GRAVITY = 9.81
 CLOSE = 1e-12  # closed forms, relative to gravity; measured: 1e-15 to 1e-13

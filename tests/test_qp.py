@@ -11,9 +11,9 @@ from programs import largest_slack, random_program
 import condyn_pin as cp
 from condyn_pin._core import tolerances
 from condyn_pin.control import DAQP, QPS, AnyQP, ProxQP, Quadprog, QuadraticProgram
-from condyn_pin.control.qp import base
-from condyn_pin.control.qp.base import QPResult, Saddle, elastic, polish, start
+from condyn_pin.control.qp import qp_solver
 from condyn_pin.control.qp.chain import SolverLadder
+from condyn_pin.control.qp.qp_solver import QPResult, Saddle, elastic, polish, start
 
 pytest.importorskip("proxsuite")
 pytest.importorskip("daqp")
@@ -222,7 +222,7 @@ def test_bad_parameters_are_refused():
         AnyQP("gurobi2").start()
     assert ProxQP().rougher == ProxQP(tolerance=1e-4)
     assert "tolerance=0.0001," in repr(ProxQP().rougher)
-    assert base.QPS["daqp"] is DAQP
+    assert qp_solver.QPS["daqp"] is DAQP
 
 
 @pytest.mark.parametrize("qp", [ProxQP(), DAQP(), Quadprog()], ids=repr)

@@ -24,7 +24,7 @@ from condyn_pin.gradients import (
     Softened,
     trajectory_derivatives,
 )
-from condyn_pin.gradients.routes.base import linear_steps
+from condyn_pin.gradients.routes.route import linear_steps
 
 DT = 1e-3
 DEEP = 9e-5  # of feet in the floor, less than a motion is refused at [m]

@@ -28,8 +28,8 @@ from condyn_pin.errors import Interrupted
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.projection import Projection
-from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
+from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.integrators.rattle import Rattle
 from condyn_pin.simulation.outcome import uninterrupted
 from condyn_pin.simulation.run import simulate

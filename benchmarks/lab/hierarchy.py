@@ -23,10 +23,10 @@ from condyn_pin._core.timing import State, Times
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.errors import unknown_name
 from condyn_pin.io.load import load_robot
 from condyn_pin.mechanism.minimal_scene import answers, compare, time_trials, trial

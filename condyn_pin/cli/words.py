@@ -13,7 +13,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import read_call
 from condyn_pin._core.arrays import Array
 from condyn_pin.cli.arguments import Source
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
@@ -22,23 +22,23 @@ from condyn_pin.contact.cones import Cone, FrictionCone, WrenchCone
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.controller import Controller
 from condyn_pin.control.qp import QPS
-from condyn_pin.control.tasks.base import Task
 from condyn_pin.control.tasks.center_of_mass import CenterOfMass
 from condyn_pin.control.tasks.frame_task import FrameTask
 from condyn_pin.control.tasks.orientation import Orientation
 from condyn_pin.control.tasks.posture import Posture
+from condyn_pin.control.tasks.task import Task
 from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS
-from condyn_pin.dynamics.solvers.base import Solver, parameter_fields
+from condyn_pin.dynamics.solvers.solver import Solver, parameter_fields
 from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled, unknown_name
 from condyn_pin.io.load import available_robots, load_robot
 from condyn_pin.mechanism.reduction import without
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.integrators import INTEGRATORS
-from condyn_pin.simulation.integrators.base import Integrator
-from condyn_pin.study.measures.base import Measure, as_measure
+from condyn_pin.simulation.integrators.integrator import Integrator
+from condyn_pin.study.measures.measure import Measure, as_measure
 from condyn_pin.study.measures.trajectory import SCHEMES
 from condyn_pin.study.study import sweep
 from condyn_pin.study.tables import Method

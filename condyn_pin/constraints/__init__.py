@@ -2,7 +2,7 @@
 
 External forces, which act on the same frames, are here too.
 
-Nouns: `Constraint` and its kinds, a file each, of which `base` has the contract; `AppliedForce`;
+Nouns: `Constraint` and its kinds, a file each, with its contract in `constraint`; `AppliedForce`;
 `BoundConstraint`, one on joints and columns; `Equations`, which has their M, h, J and gamma;
 `ConstraintPartials`, how these change; `Drift` and `Baumgarte`, which say what a_ref is.
 

@@ -1,7 +1,7 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
-from .base import Constraint as Constraint
-from .contacts.base import Contact as Contact
+from .constraint import Constraint as Constraint
+from .contacts.contact import Contact as Contact
 from .contacts.frictional_contact import FrictionalContact as FrictionalContact
 from .contacts.joint_friction import JointFriction as JointFriction
 from .contacts.joint_limit import JointLimit as JointLimit

@@ -14,7 +14,14 @@ from numpy.polynomial import Polynomial
 
 from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import finite, shown
-from condyn_pin.constraints.base import Constraint, Machine, MjcfWriter, check_size, floats, text
+from condyn_pin.constraints.constraint import (
+    Constraint,
+    Machine,
+    MjcfWriter,
+    check_size,
+    floats,
+    text,
+)
 from condyn_pin.constraints.rows.special import BoundCoupling
 from condyn_pin.errors import InvalidArgument, InvalidConstraint, unknown_name
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 from condyn_pin._core.arrays import finite
-from condyn_pin.constraints.base import Constraint, Machine
+from condyn_pin.constraints.constraint import Constraint, Machine
 from condyn_pin.constraints.path import Along, check_along
 from condyn_pin.constraints.rows.bound import BoundConstraint, Drive
 from condyn_pin.errors import InvalidArgument, InvalidConstraint

@@ -22,7 +22,7 @@ from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import turning
 from condyn_pin._core.trees import algorithms
-from condyn_pin.constraints.base import Machine, check_size
+from condyn_pin.constraints.constraint import Machine, check_size
 from condyn_pin.constraints.places import set_frames, short
 from condyn_pin.errors import InvalidArgument
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from condyn_pin._core.arrays import finite
-from condyn_pin.constraints.base import Constraint, Machine, MjcfWriter, check_size, text
+from condyn_pin.constraints.constraint import Constraint, Machine, MjcfWriter, check_size, text
 from condyn_pin.constraints.coupling import one_coordinate
 from condyn_pin.constraints.rows.special import BoundCoupling
 from condyn_pin.errors import unknown_name

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from condyn_pin.constraints.base import KINDS, Constraint, Machine
+from condyn_pin.constraints.constraint import KINDS, Constraint, Machine
 from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.errors import InvalidConstraint
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import Axis, Machine, Vector3, check_axis, floats, shifted
+from condyn_pin.constraints.constraint import Axis, Machine, Vector3, check_axis, floats, shifted
 from condyn_pin.constraints.on_velocity import Nonholonomic
 from condyn_pin.constraints.places import set_frames
 from condyn_pin.constraints.rows.bound import Bound

@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import (
+from condyn_pin.constraints.constraint import (
     USUAL,
     Axis,
     Constraint,

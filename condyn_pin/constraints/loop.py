@@ -25,7 +25,7 @@ from typing import Any, ClassVar, Final, Literal, get_args
 import numpy as np
 
 from condyn_pin._core.arrays import shown
-from condyn_pin.constraints.base import (
+from condyn_pin.constraints.constraint import (
     Axis,
     BetweenFrames,
     Constraint,

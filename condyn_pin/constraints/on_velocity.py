@@ -19,7 +19,7 @@ from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 
-from condyn_pin.constraints.base import (
+from condyn_pin.constraints.constraint import (
     Machine,
     Vector3,
     WithWorld,

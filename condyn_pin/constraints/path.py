@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import counted, enter
 from condyn_pin._core.arrays import Array, finite, shown
-from condyn_pin.constraints.base import check_positive
+from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.errors import InvalidArgument
 
 # t [s] -> s, s' and s'', a number a row each

@@ -10,7 +10,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from condyn_pin.constraints.base import (
+from condyn_pin.constraints.constraint import (
     THIN,
     USUAL,
     Foot,

@@ -12,7 +12,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import (
+from condyn_pin.constraints.constraint import (
     Foot,
     Machine,
     Support,

@@ -22,7 +22,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import BetweenFrames, Machine
+from condyn_pin.constraints.constraint import BetweenFrames, Machine
 from condyn_pin.constraints.rows.special import BoundRelation
 
 # Step of the differences of W' [m and rad], and their weights: they are off by h^4 and by eps / h.

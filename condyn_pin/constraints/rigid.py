@@ -21,7 +21,7 @@ import numpy as np
 
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import Constraint, Machine
+from condyn_pin.constraints.constraint import Constraint, Machine
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.places import by_name, frame_text

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from condyn_pin.constraints.base import Foot, Machine, Support, Vector3
+from condyn_pin.constraints.constraint import Foot, Machine, Support, Vector3
 from condyn_pin.constraints.on_velocity import OnPlane
 from condyn_pin.constraints.rows.special import BoundRolling
 

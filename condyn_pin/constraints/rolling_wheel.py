@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from condyn_pin.constraints.base import Axis, Machine, Support, Vector3, check_axis
+from condyn_pin.constraints.constraint import Axis, Machine, Support, Vector3, check_axis
 from condyn_pin.constraints.on_velocity import EVERY, Direction, OnPlane
 from condyn_pin.constraints.rows.special import BoundRolling
 from condyn_pin.errors import InvalidArgument

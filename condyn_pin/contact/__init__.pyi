@@ -25,8 +25,8 @@ from .solution import ContactSolution as ContactSolution
 from .solution import ContactStatus as ContactStatus
 from .solvers import CONTACT_SOLVERS as CONTACT_SOLVERS
 from .solvers.admm import ADMM as ADMM
-from .solvers.base import ContactSolver as ContactSolver
-from .solvers.base import SolverResult as SolverResult
+from .solvers.contact_solver import ContactSolver as ContactSolver
+from .solvers.contact_solver import SolverResult as SolverResult
 from .solvers.lemke import Lemke as Lemke
 from .solvers.newton import SemismoothNewton as SemismoothNewton
 from .solvers.pgs import PGS as PGS

@@ -25,7 +25,7 @@ from condyn_pin.contact.problem import ContactProblem, islands
 from condyn_pin.contact.residuals import infeasible_contacts, natural_residual
 from condyn_pin.contact.solution import ContactSolution, ContactStatus
 from condyn_pin.contact.solvers.admm import ADMM
-from condyn_pin.contact.solvers.base import ContactSolver, SolverResult
+from condyn_pin.contact.solvers.contact_solver import ContactSolver, SolverResult
 from condyn_pin.errors import InvalidArgument, SolveFailed
 
 _Answer: TypeAlias = Callable[

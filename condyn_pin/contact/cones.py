@@ -28,7 +28,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_count, normalised
 from condyn_pin._core.arrays import Array, finite, finite_rows, read_only
 from condyn_pin._core.joints import z_along
-from condyn_pin.constraints.base import (
+from condyn_pin.constraints.constraint import (
     Constraint,
     Vector3,
     check_lengths,

@@ -51,7 +51,7 @@ from condyn_pin.contact.problem import (
     normalised,
 )
 from condyn_pin.contact.residuals import natural_residual
-from condyn_pin.contact.solvers.base import SolverResult
+from condyn_pin.contact.solvers.contact_solver import SolverResult
 from condyn_pin.contact.solvers.newton import SemismoothNewton, newton, refine, sticking
 
 # Sides of the polygons in the cones of a stress, and their share of the friction: their corners are

@@ -31,9 +31,9 @@ from .limits import ControlLimits as ControlLimits
 from .qp import QPS as QPS
 from .qp import QPSolver as QPSolver
 from .qp.any_qp import AnyQP as AnyQP
-from .qp.base import QuadraticProgram as QuadraticProgram
 from .qp.daqp import DAQP as DAQP
 from .qp.proxqp import ProxQP as ProxQP
+from .qp.qp_solver import QuadraticProgram as QuadraticProgram
 from .qp.quadprog import Quadprog as Quadprog
 from .support import SupportPlane as SupportPlane
 from .support import SupportPolygon as SupportPolygon
@@ -41,7 +41,6 @@ from .support import support_polygon as support_polygon
 from .tasks import TASKS as TASKS
 from .tasks import Task as Task
 from .tasks.angular_momentum import AngularMomentum as AngularMomentum
-from .tasks.base import minimum_jerk as minimum_jerk
 from .tasks.capture_point import CapturePoint as CapturePoint
 from .tasks.center_of_mass import CenterOfMass as CenterOfMass
 from .tasks.contact_force import ContactForce as ContactForce
@@ -49,3 +48,4 @@ from .tasks.frame_task import FrameTask as FrameTask
 from .tasks.joint_task import JointTask as JointTask
 from .tasks.orientation import Orientation as Orientation
 from .tasks.posture import Posture as Posture
+from .tasks.task import minimum_jerk as minimum_jerk

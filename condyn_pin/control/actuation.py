@@ -27,7 +27,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import MinimumNorm
 from condyn_pin.constraints.places import FrameLike
-from condyn_pin.control.tasks.base import entry_names
+from condyn_pin.control.tasks.task import entry_names
 from condyn_pin.dynamics.at_state import at_state, frame_jacobian
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument, unknown_name

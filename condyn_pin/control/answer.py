@@ -16,8 +16,8 @@ from condyn_pin.constraints.rows.bound import Terms, largest_torque
 from condyn_pin.contact.cones import Cones, Margin, margins
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.program import Program
-from condyn_pin.control.qp.base import Constraints, Flags, peak
 from condyn_pin.control.qp.chain import ChainAnswer
+from condyn_pin.control.qp.qp_solver import Constraints, Flags, peak
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import ConstraintForce, Sites
 

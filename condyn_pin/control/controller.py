@@ -16,7 +16,7 @@ from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.compiled import Native
 from condyn_pin._core.threads import OneThread, alone
-from condyn_pin.constraints.base import check_positive
+from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.drift import Baumgarte, stabilisation
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.cones import Cones
@@ -26,11 +26,11 @@ from condyn_pin.control.cones import ContactCones
 from condyn_pin.control.hierarchy import Cascade, Hierarchy, Level, check_tasks, weighted
 from condyn_pin.control.limits import ControlLimits, Settings
 from condyn_pin.control.program import Program
-from condyn_pin.control.qp.base import Constraints, Polished, QPSolver, QuadraticProgram
 from condyn_pin.control.qp.chain import ChainAnswer
 from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.proxqp import ProxQP
-from condyn_pin.control.tasks.base import Task
+from condyn_pin.control.qp.qp_solver import Constraints, Polished, QPSolver, QuadraticProgram
+from condyn_pin.control.tasks.task import Task
 from condyn_pin.dynamics.scene import Scene, check_at_all_times, check_bilateral, check_scene
 from condyn_pin.errors import InvalidArgument, MissingExtra, SolveFailed, UnsupportedBackend
 

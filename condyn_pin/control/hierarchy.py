@@ -34,9 +34,9 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices, entries
 from condyn_pin._core.linalg import null_space, rank_of
-from condyn_pin.control.qp.base import Constraints, QPSolver, QuadraticProgram, peak
 from condyn_pin.control.qp.chain import ChainAnswer, SolverLadder
-from condyn_pin.control.tasks.base import DefaultReference, Motion, Task
+from condyn_pin.control.qp.qp_solver import Constraints, QPSolver, QuadraticProgram, peak
+from condyn_pin.control.tasks.task import DefaultReference, Motion, Task
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 

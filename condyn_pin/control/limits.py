@@ -36,8 +36,8 @@ from condyn_pin._core.linalg import factorise_mass, least_change
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.actuation import Actuation
-from condyn_pin.control.qp.base import QPSolver
-from condyn_pin.control.tasks.base import entry_names
+from condyn_pin.control.qp.qp_solver import QPSolver
+from condyn_pin.control.tasks.task import entry_names
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.joints import Limits
 from condyn_pin.model.robot import Robot

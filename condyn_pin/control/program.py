@@ -44,8 +44,8 @@ from condyn_pin.control.limits import (
     TorqueLimits,
     locked_velocity,
 )
-from condyn_pin.control.qp.base import Constraints, Elastic, peak
-from condyn_pin.control.tasks.base import DefaultReference, Motion, Task
+from condyn_pin.control.qp.qp_solver import Constraints, Elastic, peak
+from condyn_pin.control.tasks.task import DefaultReference, Motion, Task
 from condyn_pin.dynamics.at_state import with_redundancy
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument

@@ -1,7 +1,7 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
 from .at_state import contact_gaps as contact_gaps
-from .derivatives.base import Derivatives as Derivatives
+from .derivatives.solution_derivatives import Derivatives as Derivatives
 from .impacts import Impact as Impact
 from .impacts import impact as impact
 from .nominal import NominalAnalysis as NominalAnalysis
@@ -15,8 +15,6 @@ from .solution import StateError as StateError
 from .solution import Status as Status
 from .solvers import SOLVERS as SOLVERS
 from .solvers import Solver as Solver
-from .solvers.base import BoundSolver as BoundSolver
-from .solvers.base import Singular as Singular
 from .solvers.conjugate_gradient import ConjugateGradient as ConjugateGradient
 from .solvers.constrained_aba import ConstrainedABA as ConstrainedABA
 from .solvers.delassus_cholesky import DelassusCholesky as DelassusCholesky
@@ -29,6 +27,8 @@ from .solvers.proximal import Proximal as Proximal
 from .solvers.pv import PV as PV
 from .solvers.reference import Reference as Reference
 from .solvers.soft import Soft as Soft
+from .solvers.solver import BoundSolver as BoundSolver
+from .solvers.solver import Singular as Singular
 from .solvers.sparse_kkt import SparseKKT as SparseKKT
 from .verbs import solve as solve
 from .workspace import Workspace as Workspace

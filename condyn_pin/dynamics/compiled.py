@@ -31,16 +31,16 @@ from condyn_pin.constraints.forces import AppliedForce, Loads
 from condyn_pin.constraints.rows.bound import BoundConstraint, PinocchioConstraint, placement
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import Redundancy
-from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives, Linearisation
+from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 from condyn_pin.dynamics.residuals import ErrorEstimator, Residuals
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Question, Solution, Status
-from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.null_space import NullSpace
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.solvers.solver import Singular, Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.model.robot import Robot

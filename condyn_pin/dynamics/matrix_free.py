@@ -21,7 +21,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import factorise
 from condyn_pin._core.tolerances import RANK
 from condyn_pin.dynamics.nominal import NominalAnalysis
-from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
+from condyn_pin.dynamics.solvers.solver import BoundSolver, Solver
 from condyn_pin.dynamics.workspace import Workspace
 
 

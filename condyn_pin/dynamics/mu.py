@@ -28,8 +28,8 @@ import numpy as np
 
 from condyn_pin._core import _pin, tolerances
 from condyn_pin.dynamics.nominal import NominalAnalysis, NominalState
-from condyn_pin.dynamics.solvers.base import BoundSolver
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.solvers.solver import BoundSolver
 from condyn_pin.errors import NotAssembled
 
 if TYPE_CHECKING:

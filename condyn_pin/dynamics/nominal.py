@@ -39,8 +39,8 @@ from condyn_pin.constraints.rows.equations import (
 )
 from condyn_pin.constraints.rows.pinocchio import PinocchioConstraints, pinocchio_constraints
 from condyn_pin.dynamics.residuals import ErrorEstimator
-from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.errors import (
     BranchChanged,
     InvalidArgument,

@@ -25,8 +25,8 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import changed_by_closing, gaps
 from condyn_pin.dynamics.residuals import ErrorEstimator, Residuals
 from condyn_pin.dynamics.solution import Question, Solution, Status
-from condyn_pin.dynamics.solvers.base import BoundSolver
 from condyn_pin.dynamics.solvers.null_space import NullSpace
+from condyn_pin.dynamics.solvers.solver import BoundSolver
 from condyn_pin.errors import InvalidModel, SolveFailed
 from condyn_pin.model.soundness import massless_motion
 

@@ -38,7 +38,7 @@ from condyn_pin._core.arguments import (
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import PinocchioConstraint
 from condyn_pin.dynamics.mu import MakeSolver, WeightChoice, best_choice
-from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
+from condyn_pin.dynamics.solvers.solver import BoundSolver, Solver
 from condyn_pin.dynamics.workspace import Workspace
 
 Acceleration = Callable[[Array, Array, Array], Array]

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import counted, renamed
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.places import settled
@@ -29,12 +29,12 @@ from condyn_pin.dynamics.nominal import (
     scene_at,
     scene_without_time,
 )
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.contacts.base import Contact, Mode
+    from condyn_pin.constraints.contacts.contact import Contact, Mode
     from condyn_pin.mechanism.closing import Assembly
     from condyn_pin.mechanism.minimal_scene import Minimal
     from condyn_pin.mechanism.rank import Check, Rank

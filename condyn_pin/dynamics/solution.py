@@ -16,7 +16,7 @@ from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array, ArrayValue, read_only
 from condyn_pin._core.linalg import redundant_rows
 from condyn_pin._core.show import require_pandas
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.constraints.rows.equations import Equations

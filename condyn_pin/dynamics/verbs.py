@@ -12,11 +12,11 @@ from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import Workspace
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.derivatives.base import Derivatives
+    from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 
 # A loop over `solve` with one scene, or with some in turn, builds a workspace for each.
 _workspaces = ThreadCache[Workspace]()

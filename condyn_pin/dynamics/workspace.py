@@ -43,10 +43,10 @@ from condyn_pin.dynamics.nominal import (
 from condyn_pin.dynamics.proof import Verifier, consistent_where_open, failure, without_idle_rows
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene, check_time
 from condyn_pin.dynamics.solution import Solution, Status
-from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.null_space import NullSpace
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.solvers.solver import BoundSolver, Singular, Solver
 from condyn_pin.errors import (
     InvalidArgument,
     MissingExtra,
@@ -57,8 +57,8 @@ from condyn_pin.errors import (
 if TYPE_CHECKING:
     from condyn_pin._core.compiled import Native
     from condyn_pin.dynamics.compiled import CompiledCore
-    from condyn_pin.dynamics.derivatives.base import Derivatives
     from condyn_pin.dynamics.derivatives.kkt import Linearisation
+    from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 
 
 # Choice of a solver: which one takes which scene.

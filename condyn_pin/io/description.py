@@ -13,7 +13,7 @@ import numpy as np
 import condyn_pin
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.errors import InvalidArgument, InvalidModel, MissingExtra
 from condyn_pin.model.motors import CoupledMotor
 from condyn_pin.model.robot import Robot

@@ -35,7 +35,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin, set_dry_friction
 from condyn_pin._core.arguments import few, listed
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.held_joint import HeldJoint
 from condyn_pin.constraints.loop import Loop, LoopKind

@@ -36,8 +36,8 @@ from condyn_pin._core._pin import dry_friction, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import UNLIMITED
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.base import Constraint, Vector3
-from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.constraint import Constraint, Vector3
+from condyn_pin.constraints.contacts.contact import Contact
 from condyn_pin.constraints.contacts.kinds import bind_contacts
 from condyn_pin.constraints.contacts.shapes import Plane, Shape
 from condyn_pin.constraints.places import WORLD

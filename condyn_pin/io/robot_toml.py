@@ -24,7 +24,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import few
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.files import parse_toml, read_text
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.kinds import Loop, bind, worded
 from condyn_pin.constraints.rows.bound import gap_of
 from condyn_pin.constraints.rows.equations import Equations

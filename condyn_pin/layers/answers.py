@@ -15,10 +15,10 @@ from condyn_pin._core.arguments import step_size
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed
-from condyn_pin.gradients.routes.base import Chain, Route
+from condyn_pin.gradients.routes.route import Chain, Route
 from condyn_pin.gradients.routes.step_derivatives import StepDerivatives
 from condyn_pin.layers.maps import (
     Change,

@@ -16,7 +16,7 @@ from condyn_pin.control.actuation import Actuation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, MissingExtra
 from condyn_pin.gradients.routes.active_set import ActiveSet
-from condyn_pin.gradients.routes.base import Route
+from condyn_pin.gradients.routes.route import Route
 from condyn_pin.layers.answers import StepMap
 from condyn_pin.model.motors import CoupledMotor
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme

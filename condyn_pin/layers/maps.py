@@ -42,8 +42,8 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.gradients.routes.base import Route, check_parameters, linear_steps
 from condyn_pin.gradients.routes.linear_steps import LinearizedStep
+from condyn_pin.gradients.routes.route import Route, check_parameters, linear_steps
 from condyn_pin.gradients.routes.step_derivatives import Columns
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller import weighing

@@ -11,10 +11,10 @@ from typing import Final, cast
 
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.errors import MissingExtra
 from condyn_pin.gradients.routes.active_set import ActiveSet
-from condyn_pin.gradients.routes.base import Route
+from condyn_pin.gradients.routes.route import Route
 from condyn_pin.layers.answers import RunMap, SolveMap, StepMap
 from condyn_pin.layers.maps import Layer, LayerMap
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme

@@ -41,7 +41,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised, renamed
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.rows.bound import (
     ConstraintViolation,
     beyond_text,

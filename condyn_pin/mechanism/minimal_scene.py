@@ -29,8 +29,8 @@ from condyn_pin._core.joints import indices
 from condyn_pin._core.timing import Call, State, Times, interleaved
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven, motor_torque
-from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import Workspace, default_solver, unsupported
 from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled, UnsupportedConstraint
 from condyn_pin.mechanism.reduction import (

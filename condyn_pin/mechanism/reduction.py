@@ -23,7 +23,7 @@ from condyn_pin._core.arguments import checked, listed, normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
-from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.contacts.contact import Contact
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene

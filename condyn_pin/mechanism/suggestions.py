@@ -18,7 +18,7 @@ from condyn_pin._core.arguments import checked, listed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import factorise, first_of_largest, rank_of
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.line_contact import LineContact
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.rows.bound import BoundConstraint, Terms

@@ -12,7 +12,7 @@ from typing import Any
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import shown
-from condyn_pin.constraints.base import floats, text
+from condyn_pin.constraints.constraint import floats, text
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.joints import joint_of
 

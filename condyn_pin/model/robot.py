@@ -17,7 +17,7 @@ from condyn_pin._core._pin import pin, set_numbers, without_infinity
 from condyn_pin._core.arguments import Arguments, counted, normalised
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.joints import rotation_fault
-from condyn_pin.constraints.base import Constraint, check_size
+from condyn_pin.constraints.constraint import Constraint, check_size
 from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.constraints.kinds import of_loops
 from condyn_pin.constraints.places import WORLD, FrameLike, find_frame, settled
@@ -30,7 +30,7 @@ from condyn_pin.model.soundness import check_model
 from condyn_pin.model.springs import Spring, SpringDamper, spring_dampers_of
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.contacts.base import Contact
+    from condyn_pin.constraints.contacts.contact import Contact
     from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
     from condyn_pin.constraints.contacts.joint_limit import JointLimit
 

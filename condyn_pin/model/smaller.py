@@ -22,7 +22,7 @@ from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.joints import indices
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.places import WORLD, place_of
 from condyn_pin.constraints.rows.bound import gap_of

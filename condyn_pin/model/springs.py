@@ -15,7 +15,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.base import check_size
+from condyn_pin.constraints.constraint import check_size
 from condyn_pin.constraints.forces import frame_jacobian
 from condyn_pin.constraints.places import set_frames, short
 from condyn_pin.errors import InvalidArgument

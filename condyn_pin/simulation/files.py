@@ -22,10 +22,10 @@ from condyn_pin.constraints.loop import Loop, axis_of
 from condyn_pin.constraints.path import PATHS
 from condyn_pin.contact.problem import MODES
 from condyn_pin.contact.restitution import RESTITUTION_LAWS
-from condyn_pin.contact.solvers.base import CONTACT_SOLVERS
+from condyn_pin.contact.solvers.contact_solver import CONTACT_SOLVERS
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.model_words import model_of, model_words
 from condyn_pin.model.motors import CoupledMotor
@@ -34,7 +34,7 @@ from condyn_pin.model.springs import Spring, SpringDamper
 from condyn_pin.simulation import integrators
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.events import EventRecord
-from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.outcome import Effects, MotionLimits, Run, RunStatus, check_limits
 from condyn_pin.simulation.records import (
     ContactRecord,

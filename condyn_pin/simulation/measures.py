@@ -25,7 +25,7 @@ from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.path import along_at
 from condyn_pin.constraints.rows.equations import MANY, BatchedGaps, Equations
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.torques import Passive
 
 # Samples for which a matrix of them all is small.

@@ -22,12 +22,12 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import worst
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.mechanism.rank import check
-from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.measures import Energy, gauge_of
 from condyn_pin.simulation.outcome import MotionLimits, RunStatus, default_gap
 from condyn_pin.simulation.records import Phase, gaps_along

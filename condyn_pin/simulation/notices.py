@@ -13,7 +13,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.rows.bound import worst
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import (

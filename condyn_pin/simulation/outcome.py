@@ -16,11 +16,11 @@ from condyn_pin._core.arrays import shown
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.events import EventRecord
-from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.records import Remark
 

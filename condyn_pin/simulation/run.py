@@ -14,12 +14,12 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.constraints.path import check_along
 from condyn_pin.dynamics.scene import Scene, check_at_all_times, check_scene
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
 from condyn_pin.mechanism.closing import with_anchors
@@ -33,7 +33,7 @@ from condyn_pin.simulation.events import (
     ZenoDetected,
     switch,
 )
-from condyn_pin.simulation.integrators.base import Integrator, StepEffects
+from condyn_pin.simulation.integrators.integrator import Integrator, StepEffects
 from condyn_pin.simulation.outcome import Effects, MotionLimits, Run, RunStatus
 from condyn_pin.simulation.plan import (
     Plan,

@@ -34,7 +34,7 @@ from condyn_pin._core.linalg import factorise, first_of_largest
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.errors import InvalidArgument, StepFailed
 from condyn_pin.model.soundness import singular_mass
-from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.system import Step, System
 

@@ -26,7 +26,7 @@ from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Singular
+from condyn_pin.dynamics.solvers.solver import Singular
 from condyn_pin.dynamics.workspace import LARGEST, SMALLEST, Workspace
 from condyn_pin.errors import NotAssembled, StepFailed
 from condyn_pin.simulation.manifold import Manifold
@@ -34,7 +34,7 @@ from condyn_pin.simulation.records import NO_WORK, ContactWork, Row
 from condyn_pin.simulation.torques import Applied, Passive, Torque
 
 if TYPE_CHECKING:
-    from condyn_pin.simulation.integrators.base import Integrator
+    from condyn_pin.simulation.integrators.integrator import Integrator
 
 # A step of an integrator: (t, q, v) -> (q, v, a)
 Step = Callable[[float, Array, Array], tuple[Array, Array, Array]]

@@ -24,7 +24,7 @@ from condyn_pin._core.arrays import Array, finite, locked
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.forces import AppliedForce, Loads
-from condyn_pin.dynamics.derivatives.base import load_partial
+from condyn_pin.dynamics.derivatives.solution_derivatives import load_partial
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.springs import SpringDampers

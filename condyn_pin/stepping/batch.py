@@ -22,12 +22,12 @@ from condyn_pin._core.rows import BatchResult, Native, Verb, run
 from condyn_pin._core.show import require_pandas
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
-from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.contacts.contact import Contact
 from condyn_pin.contact import problem
 from condyn_pin.contact.problem import MODES, mode_words
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.contact.solvers.admm import ADMM, POLISH, RESCUE
-from condyn_pin.contact.solvers.base import ContactSolver
+from condyn_pin.contact.solvers.contact_solver import ContactSolver
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.dynamics.compiled import contiguous, of_contacts, unsupported_contacts
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
@@ -36,8 +36,8 @@ from condyn_pin.errors import CondynError
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.joints import by_joint
 from condyn_pin.simulation.batch.inputs import DrivenPath, Recipe, check_states, loose
-from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, sizes_of_gaps
+from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.records import candidates_of, row_names
 from condyn_pin.stepping import contact_steps, step_problem

@@ -39,7 +39,6 @@ from condyn_pin.contact.restitution import Strike
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.errors import SolveFailed, StepFailed
 from condyn_pin.model.soundness import singular_mass
-from condyn_pin.simulation.integrators.base import StepEffects, Stepper
 from condyn_pin.simulation.integrators.contact_scheme import (
     AT_REST,
     ContactScheme,
@@ -47,6 +46,7 @@ from condyn_pin.simulation.integrators.contact_scheme import (
     fastest,
     yielding_gaps,
 )
+from condyn_pin.simulation.integrators.integrator import StepEffects, Stepper
 from condyn_pin.simulation.records import NO_WORK, ContactWork, Note, Row, notes_of, touch_of
 from condyn_pin.simulation.system import System, blocked_path_error, total_torque
 from condyn_pin.stepping.step_problem import (

@@ -24,7 +24,7 @@ from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.problem import OPEN, SLIDE
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.events import ContactEvent, ZenoDetected
-from condyn_pin.simulation.integrators.base import Integrator, StepEffects
+from condyn_pin.simulation.integrators.integrator import Integrator, StepEffects
 from condyn_pin.simulation.records import NO_WORK, ContactWork, Row, touch_of
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.modes import (

@@ -37,7 +37,7 @@ from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 from condyn_pin.stepping.step_problem import AcceptedStep, StepProblem
 
 if TYPE_CHECKING:
-    from condyn_pin.gradients.routes.base import Route
+    from condyn_pin.gradients.routes.route import Route
     from condyn_pin.gradients.routes.step_derivatives import StepDerivatives
 
 
@@ -160,7 +160,7 @@ class StepSolution:
         `Route.cost`.
         """
         from condyn_pin.gradients.routes import ActiveSet
-        from condyn_pin.gradients.routes.base import Route  # they are made of steps
+        from condyn_pin.gradients.routes.route import Route  # they are made of steps
 
         chosen = ActiveSet() if route is None else route
         if not isinstance(chosen, Route):

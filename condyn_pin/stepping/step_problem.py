@@ -30,7 +30,7 @@ from condyn_pin.contact.problem import (
 )
 from condyn_pin.contact.restitution import Strike
 from condyn_pin.contact.solution import drop_inconsistent_rows
-from condyn_pin.contact.solvers.base import ContactSolver, SolverResult
+from condyn_pin.contact.solvers.contact_solver import ContactSolver, SolverResult
 from condyn_pin.simulation.integrators.contact_scheme import (
     AT_REST,
     ContactScheme,

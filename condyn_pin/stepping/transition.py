@@ -25,7 +25,7 @@ from condyn_pin.contact.attempts import attempt_contact, attempt_near
 from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactProblem, ContactSets, Level, Modes
 from condyn_pin.contact.restitution import RestitutionLaw
-from condyn_pin.contact.solvers.base import ContactSolver
+from condyn_pin.contact.solvers.contact_solver import ContactSolver
 from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.events import ZenoDetected
 from condyn_pin.simulation.records import Note, notes_of

@@ -4,11 +4,11 @@ from .case import TimingEffort as TimingEffort
 from .fresh import Choice as Choice
 from .measures import MEASURES as MEASURES
 from .measures.acceleration import AccelerationMeasure as AccelerationMeasure
-from .measures.base import Measure as Measure
 from .measures.contact import ContactMeasure as ContactMeasure
 from .measures.derivatives import DerivativeMeasure as DerivativeMeasure
 from .measures.forces import ForceMeasure as ForceMeasure
 from .measures.gradients import GradientMeasure as GradientMeasure
+from .measures.measure import Measure as Measure
 from .measures.trajectory import TrajectoryMeasure as TrajectoryMeasure
 from .mujoco.bridge import MujocoBridge as MujocoBridge
 from .mujoco.compare import CrossCheck as CrossCheck

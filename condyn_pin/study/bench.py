@@ -29,18 +29,18 @@ from condyn_pin.dynamics.at_state import raw_constraints
 from condyn_pin.dynamics.compiled import CompiledMethod
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene, standard_scenes
-from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.constrained_aba import ConstrainedABA
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.solvers.pv import PV
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import Workspace, unsupported
 from condyn_pin.errors import Interrupted
 from condyn_pin.io.load import load_robot
 from condyn_pin.study.case import Case, measure_errors, prepare
 from condyn_pin.study.measures.acceleration import AccelerationMeasure
-from condyn_pin.study.measures.base import relative
+from condyn_pin.study.measures.measure import relative
 from condyn_pin.study.states import SampledStates
 from condyn_pin.study.tables import Columns, Measurements, Record, number
 

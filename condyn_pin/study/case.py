@@ -25,7 +25,7 @@ from condyn_pin._core.tolerances import DOUBT, SOLVED
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import CondynError, InvalidArgument
-from condyn_pin.study.measures.base import WRONG, Answer, Measure
+from condyn_pin.study.measures.measure import WRONG, Answer, Measure
 from condyn_pin.study.states import States
 from condyn_pin.study.tables import ALONE, Key, Method, Parameter, Row, key, usual_parameters
 

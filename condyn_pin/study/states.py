@@ -17,7 +17,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_count, is_whole
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.timing import State
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.control.inverse import gravity_compensation
 from condyn_pin.dynamics.at_state import moves_back
 from condyn_pin.dynamics.scene import Scene, motor_torque, standard_scenes

@@ -16,8 +16,8 @@ from condyn_pin._core.timing import machine
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin._core.work import map_chunks
 from condyn_pin.dynamics.scene import Scene, check_scene
-from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import unsupported
 from condyn_pin.errors import (
     CondynError,
@@ -49,7 +49,7 @@ from condyn_pin.study.fresh import (
     solver_of,
 )
 from condyn_pin.study.measures.acceleration import AccelerationMeasure
-from condyn_pin.study.measures.base import Measure, as_measure
+from condyn_pin.study.measures.measure import Measure, as_measure
 from condyn_pin.study.states import NoisyStates, Scenes, States, as_states, labelled
 from condyn_pin.study.table import Table
 from condyn_pin.study.tables import Method, Row

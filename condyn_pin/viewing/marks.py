@@ -24,7 +24,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Patch
+from condyn_pin.constraints.constraint import Patch
 from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.control.balancing import Balance
 from condyn_pin.dynamics.scene import Scene

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core.arrays import Array, shown
 from condyn_pin._core.show import COLOURS, axes, finished, line
-from condyn_pin.dynamics.derivatives.base import Derivatives
+from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.simulation.motion_balance import MotionBalance, motion_balance

@@ -27,20 +27,20 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene, check_bilateral
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.model.mechanisms.base import rod
 from condyn_pin.model.mechanisms.chain import chain
+from condyn_pin.model.mechanisms.registry import rod
 from condyn_pin.model.robot import Robot
 from lab.extremes.contacts import CONTACT_EXTREMES, ContactExtreme
 
 if TYPE_CHECKING:
-    from condyn_pin.simulation.integrators.base import Integrator
+    from condyn_pin.simulation.integrators.integrator import Integrator
     from condyn_pin.simulation.torques import Torque
 
 

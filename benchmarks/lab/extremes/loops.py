@@ -15,7 +15,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import z_along
 from condyn_pin._core.linalg import MinimumNorm, factorise
 from condyn_pin._core.tolerances import REFERENCE_RANK
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.line_contact import LineContact

@@ -28,7 +28,7 @@ Decimals = NDArray[np.object_]
 
 _DIGITS = 50
 _GRAVITY = Decimal(float("9.81"))  # Pinocchio's double
-_ABOUT_CENTRE = Decimal(1.0 / 12)  # of a rod of 1 kg and 1 m, as `mechanisms.base.rod` has it
+_ABOUT_CENTRE = Decimal(1.0 / 12)  # of a rod of 1 kg and 1 m, as `mechanisms.registry.rod` has it
 
 
 def accelerations(q: Array, v: Array, tau: Array, masses: Sequence[float] = ()) -> Array:

@@ -31,17 +31,17 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.attempts import solve_contact
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.solution import ContactStatus
-from condyn_pin.contact.solvers.base import ContactSolver
+from condyn_pin.contact.solvers.contact_solver import ContactSolver
 from condyn_pin.dynamics.solution import Status
-from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.solvers.solver import Singular, Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.simulation.integrators.explicit import SemiImplicitEuler
 from condyn_pin.simulation.notices import solver_notices
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.study.measures.base import relative
+from condyn_pin.study.measures.measure import relative
 from lab.extremes.base import Case, Flight, Motion
 
 # Shares of the largest singular value: below the first all is rounding, and below the last no

@@ -31,16 +31,16 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import enter, renamed
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import check_positive
+from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
-    from condyn_pin.dynamics.solvers.base import Solver
+    from condyn_pin.dynamics.solvers.solver import Solver
     from condyn_pin.simulation.drift import Drift
-    from condyn_pin.simulation.integrators.base import Integrator
+    from condyn_pin.simulation.integrators.integrator import Integrator
 
 
 @dataclass(frozen=True)

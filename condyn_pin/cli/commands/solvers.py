@@ -49,7 +49,7 @@ class SolverRow:
 def solver_rows() -> tuple[SolverRow, ...]:
     """Return a row for every solver."""
     from condyn_pin.dynamics.solvers import SOLVERS
-    from condyn_pin.dynamics.solvers.base import parameter_fields
+    from condyn_pin.dynamics.solvers.solver import parameter_fields
     from condyn_pin.dynamics.workspace import kinds_of
 
     rows = []

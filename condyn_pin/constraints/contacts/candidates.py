@@ -20,7 +20,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.joints import z_along
-from condyn_pin.constraints.base import plane
+from condyn_pin.constraints.constraint import plane
 from condyn_pin.constraints.contacts.meetings import ContactPoints, meetings
 from condyn_pin.constraints.contacts.shapes import Core, lengths_of
 from condyn_pin.constraints.contacts.touches import (

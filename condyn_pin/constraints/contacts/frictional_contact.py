@@ -14,7 +14,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite, shown
-from condyn_pin.constraints.base import (
+from condyn_pin.constraints.constraint import (
     Constraint,
     Machine,
     MjcfGeomWriter,
@@ -23,7 +23,7 @@ from condyn_pin.constraints.base import (
     not_negative,
     shifted,
 )
-from condyn_pin.constraints.contacts.base import Contact, Mode
+from condyn_pin.constraints.contacts.contact import Contact, Mode
 from condyn_pin.constraints.contacts.shapes import ContactPoint, Plane, Point, Shape
 from condyn_pin.constraints.contacts.touches import BoundContact, BoundShape, Pair, PlaneContact
 from condyn_pin.constraints.places import set_frames

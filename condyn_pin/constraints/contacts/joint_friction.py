@@ -9,8 +9,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from condyn_pin._core._pin import dry_friction
-from condyn_pin.constraints.base import Constraint, Machine, MjcfGeomWriter, not_negative, text
-from condyn_pin.constraints.contacts.base import Contact, Mode, joint_named, not_held
+from condyn_pin.constraints.constraint import (
+    Constraint,
+    Machine,
+    MjcfGeomWriter,
+    not_negative,
+    text,
+)
+from condyn_pin.constraints.contacts.contact import Contact, Mode, joint_named, not_held
 from condyn_pin.constraints.contacts.touches import BoundContact, BoundJointFriction
 from condyn_pin.errors import InvalidArgument
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import get_args
 
-from condyn_pin.constraints.base import Constraint, Machine
-from condyn_pin.constraints.contacts.base import CONTACTS as CONTACTS
-from condyn_pin.constraints.contacts.base import Contact, Mode
+from condyn_pin.constraints.constraint import Constraint, Machine
+from condyn_pin.constraints.contacts.contact import CONTACTS as CONTACTS
+from condyn_pin.constraints.contacts.contact import Contact, Mode
 from condyn_pin.constraints.contacts.frictional_contact import (
     FrictionalContact as FrictionalContact,
 )

@@ -18,7 +18,14 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array, shown
-from condyn_pin.constraints.base import Patch, Vector3, check_positive, direction, floats, plane
+from condyn_pin.constraints.constraint import (
+    Patch,
+    Vector3,
+    check_positive,
+    direction,
+    floats,
+    plane,
+)
 from condyn_pin.errors import InvalidArgument
 
 # A plane that bodies rest on, n . x = height.

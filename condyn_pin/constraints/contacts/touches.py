@@ -13,7 +13,7 @@ import numpy as np
 
 from condyn_pin._core._pin import placements_view
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Patch
+from condyn_pin.constraints.constraint import Patch
 from condyn_pin.constraints.contacts.meetings import most_meetings
 from condyn_pin.constraints.contacts.shapes import Core
 

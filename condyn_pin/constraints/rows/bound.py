@@ -81,8 +81,8 @@ def placement(M: Any) -> list[float]:
 
 # The contract of a bound constraint: what the rest of the program asks it.
 #
-# `condyn_pin.constraints.base` says how a kind is made. Rows are evaluated in groups, not one by
-# one: that stays inside of this room (`condyn_pin.constraints.rows.groups`).
+# `condyn_pin.constraints.constraint` says how a kind is made. Rows are evaluated in groups, not one
+# by one: that stays inside of this room (`condyn_pin.constraints.rows.groups`).
 
 
 _EPS = float(np.finfo(np.float64).eps)

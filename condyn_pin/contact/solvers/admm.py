@@ -9,7 +9,7 @@ from typing import ClassVar
 from condyn_pin._core.arguments import Grid, check_accuracy, check_count, check_iterations
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.solvers.base import BUDGET, ContactSolver, SolverResult
+from condyn_pin.contact.solvers.contact_solver import BUDGET, ContactSolver, SolverResult
 from condyn_pin.contact.solvers.newton import fewer, of_first_order, refine, restarts, sticking
 from condyn_pin.contact.solvers.pgs import accelerated, directions
 

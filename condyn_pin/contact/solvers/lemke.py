@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core.arguments import Grid, check_count, check_iterations
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.contact.problem import ContactProblem, Law, normalised
-from condyn_pin.contact.solvers.base import PIVOTS, ContactSolver, SolverResult
+from condyn_pin.contact.solvers.contact_solver import PIVOTS, ContactSolver, SolverResult
 from condyn_pin.errors import InvalidArgument
 
 # Slips below this share of what friction would move things by are none.

@@ -16,7 +16,7 @@ from condyn_pin._core.arguments import check_count, check_iterations
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin.contact.problem import ContactProblem, island_of, normalised
 from condyn_pin.contact.residuals import infeasible_contacts, natural_residual
-from condyn_pin.contact.solvers.base import (
+from condyn_pin.contact.solvers.contact_solver import (
     BUDGET,
     FACTORISED,
     FIRST_ORDER,

@@ -14,7 +14,7 @@ from condyn_pin._core import _pin
 from condyn_pin._core.arguments import Grid, check_accuracy, check_iterations
 from condyn_pin._core.arrays import Array, Indices, finite
 from condyn_pin.contact.problem import ContactProblem, Law, normalised
-from condyn_pin.contact.solvers.base import ContactSolver, SolverResult
+from condyn_pin.contact.solvers.contact_solver import ContactSolver, SolverResult
 from condyn_pin.errors import InvalidArgument, UnsupportedBackend
 
 # Of the largest over-relaxation that a tangential block allows; at 1 it only just converges.

@@ -12,7 +12,7 @@ import numpy as np
 from condyn_pin._core.arguments import check_iterations
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem, ContactSets, Law
-from condyn_pin.contact.solvers.base import ContactSolver, SolverResult
+from condyn_pin.contact.solvers.contact_solver import ContactSolver, SolverResult
 from condyn_pin.errors import InvalidArgument
 
 _EPS = float(np.finfo(np.float64).eps)

@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.control.distribution.base import ForceDistribution
+from condyn_pin.control.distribution.force_distribution import ForceDistribution
 from condyn_pin.dynamics.solution import Sites
 
 

@@ -21,7 +21,9 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, ignore_float_errors
-from condyn_pin.control.qp.base import (
+from condyn_pin.control.qp.daqp import DAQP
+from condyn_pin.control.qp.proxqp import ProxQP
+from condyn_pin.control.qp.qp_solver import (
     ORDINARY,
     BoundQP,
     Elastic,
@@ -34,8 +36,6 @@ from condyn_pin.control.qp.base import (
     polish,
     start,
 )
-from condyn_pin.control.qp.daqp import DAQP
-from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.quadprog import Quadprog
 
 # Violations of rows below this are rounding [m/s^2]. What counts is tolerances.KKT.

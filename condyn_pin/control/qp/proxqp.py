@@ -8,7 +8,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from condyn_pin._core.arguments import check_accuracy, check_iterations
-from condyn_pin.control.qp.base import (
+from condyn_pin.control.qp.qp_solver import (
     BoundQP,
     QPResult,
     QPSolver,

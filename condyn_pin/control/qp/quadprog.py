@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin.control.qp.base import BoundQP, QPResult, QPSolver, QuadraticProgram, package
+from condyn_pin.control.qp.qp_solver import BoundQP, QPResult, QPSolver, QuadraticProgram, package
 
 
 @dataclass(frozen=True)

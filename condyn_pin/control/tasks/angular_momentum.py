@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core.arguments import check_accuracy, check_called
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin.control.tasks.base import (
+from condyn_pin.control.tasks.task import (
     ANGULAR_MOMENTUM,
     BoundTask,
     CompiledTask,

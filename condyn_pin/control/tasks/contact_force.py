@@ -9,8 +9,8 @@ import numpy as np
 
 from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin.constraints.base import text
-from condyn_pin.control.tasks.base import (
+from condyn_pin.constraints.constraint import text
+from condyn_pin.control.tasks.task import (
     CONTACT_FORCE,
     NO_FEEDBACK,
     BoundTask,

@@ -10,9 +10,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin.constraints.base import placement
+from condyn_pin.constraints.constraint import placement
 from condyn_pin.constraints.places import set_frames, short
-from condyn_pin.control.tasks.base import (
+from condyn_pin.control.tasks.orientation import turn_to
+from condyn_pin.control.tasks.task import (
     POSE,
     POSITION,
     BoundTask,
@@ -23,7 +24,6 @@ from condyn_pin.control.tasks.base import (
     moving,
     placed,
 )
-from condyn_pin.control.tasks.orientation import turn_to
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 

@@ -10,8 +10,8 @@ import numpy as np
 from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import indices
-from condyn_pin.constraints.base import text
-from condyn_pin.control.tasks.base import (
+from condyn_pin.constraints.constraint import text
+from condyn_pin.control.tasks.task import (
     JOINT,
     BoundTask,
     DefaultReference,

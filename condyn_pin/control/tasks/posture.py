@@ -12,7 +12,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import checked, normalised
 from condyn_pin._core.arrays import Array, entries, finite
 from condyn_pin._core.joints import indices
-from condyn_pin.control.tasks.base import (
+from condyn_pin.control.tasks.task import (
     POSTURE,
     BoundTask,
     DefaultReference,

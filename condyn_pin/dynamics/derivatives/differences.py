@@ -21,7 +21,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import null_space
 from condyn_pin._core.threads import of_workspace
-from condyn_pin.dynamics.derivatives.base import Derivatives
+from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace

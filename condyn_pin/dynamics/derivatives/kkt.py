@@ -39,7 +39,7 @@ from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.constraints.rows.equations import Equations, answer_key
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.at_state import without_gravity
-from condyn_pin.dynamics.derivatives.base import (
+from condyn_pin.dynamics.derivatives.solution_derivatives import (
     Carried,
     Derivatives,
     gravity_regressor,

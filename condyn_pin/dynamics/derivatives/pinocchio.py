@@ -31,8 +31,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
 from condyn_pin._core.linalg import held_and_free, inverse_factor
-from condyn_pin.dynamics.derivatives.base import Derivatives, load_partial
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives, turning_null_space
+from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives, load_partial
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import Workspace

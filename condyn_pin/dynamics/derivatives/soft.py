@@ -18,7 +18,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import damped_range_space
 from condyn_pin._core.threads import of_workspace
-from condyn_pin.dynamics.derivatives.base import (
+from condyn_pin.dynamics.derivatives.solution_derivatives import (
     Derivatives,
     gravity_regressor,
     inertia_regressor,

@@ -1,8 +1,8 @@
 """Solvers: frozen values whose fields are their parameters, one file each.
 
 Each solver registers itself where its module is imported, and `SOLVERS`, when it is first asked
-for, imports every module of this folder: to add a solver is to add one file (`base.py` says what it
-must contain), and a solve imports no solver but its own.
+for, imports every module of this folder: to add a solver is to add one file (`solver.py` has its
+contract), and a solve imports no solver but its own.
 """
 
 from __future__ import annotations
@@ -11,11 +11,11 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING
 
-from condyn_pin.dynamics.solvers import base
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers import solver
+from condyn_pin.dynamics.solvers.solver import Solver
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.solvers.base import SOLVERS
+    from condyn_pin.dynamics.solvers.solver import SOLVERS
 
 __all__ = ["SOLVERS", "Solver"]
 
@@ -25,5 +25,5 @@ def __getattr__(name: str) -> dict[str, type[Solver]]:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     for module in iter_modules(__path__):
         import_module(f"{__name__}.{module.name}")
-    globals()[name] = base.SOLVERS  # asked for once
-    return base.SOLVERS
+    globals()[name] = solver.SOLVERS  # asked for once
+    return solver.SOLVERS

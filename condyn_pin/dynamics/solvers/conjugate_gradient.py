@@ -14,7 +14,7 @@ from condyn_pin._core.tolerances import RANK
 from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.matrix_free import MatrixFreeSolver, inverse_delassus
-from condyn_pin.dynamics.solvers.base import BoundSolver
+from condyn_pin.dynamics.solvers.solver import BoundSolver
 from condyn_pin.dynamics.workspace import Workspace
 
 

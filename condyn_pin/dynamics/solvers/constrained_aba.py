@@ -13,7 +13,7 @@ from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.compiled import CompiledMethod
 from condyn_pin.dynamics.mu import WeightChoice
 from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected
-from condyn_pin.dynamics.solvers.base import BoundSolver
+from condyn_pin.dynamics.solvers.solver import BoundSolver
 from condyn_pin.dynamics.workspace import Workspace
 
 

@@ -11,7 +11,7 @@ from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.at_state import raw_constraints, without_gravity
 from condyn_pin.dynamics.mu import WeightChoice
 from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected, Recursion
-from condyn_pin.dynamics.solvers.base import BoundSolver
+from condyn_pin.dynamics.solvers.solver import BoundSolver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import UnsupportedConstraint
 

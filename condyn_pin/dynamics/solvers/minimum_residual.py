@@ -15,7 +15,7 @@ from condyn_pin._core.tolerances import RANK, RUN_OF_MINRES
 from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.matrix_free import MatrixFreeSolver, inverse_delassus
-from condyn_pin.dynamics.solvers.base import BoundSolver, free_force
+from condyn_pin.dynamics.solvers.solver import BoundSolver, free_force
 from condyn_pin.dynamics.workspace import Workspace
 
 

@@ -12,7 +12,7 @@ from condyn_pin._core.arguments import check_share
 from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import Terms
-from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
+from condyn_pin.dynamics.solvers.solver import BoundSolver, Singular, Solver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace

@@ -43,7 +43,7 @@ from condyn_pin.dynamics.proof import (
     exact_where_slipping,
     fallback_off_manifold,
 )
-from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
+from condyn_pin.dynamics.solvers.solver import BoundSolver, Singular, Solver
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import KeptRows

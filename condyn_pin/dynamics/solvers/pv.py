@@ -17,7 +17,7 @@ from condyn_pin._core.arguments import (
 from condyn_pin._core.compiled import missing_constrained_aba
 from condyn_pin.dynamics.compiled import CompiledMethod
 from condyn_pin.dynamics.mu import default_accuracy, default_mu
-from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
+from condyn_pin.dynamics.solvers.solver import BoundSolver, Solver
 from condyn_pin.dynamics.workspace import Workspace
 
 

@@ -15,9 +15,9 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import whiten
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.forces import frame_jacobian
-from condyn_pin.dynamics.derivatives.base import Derivatives
+from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 from condyn_pin.dynamics.solution import Solution
-from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
+from condyn_pin.dynamics.solvers.solver import BoundSolver, Singular, Solver, free_force
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.model.soundness import massless_motion

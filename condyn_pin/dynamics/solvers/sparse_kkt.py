@@ -14,7 +14,7 @@ from condyn_pin._core.arguments import WEIGHTS, Grid, check_damping
 from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.linalg import whiten
 from condyn_pin.dynamics.nominal import NominalAnalysis
-from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
+from condyn_pin.dynamics.solvers.solver import BoundSolver, Singular, Solver, free_force
 from condyn_pin.dynamics.workspace import Workspace
 
 

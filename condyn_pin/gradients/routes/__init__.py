@@ -6,10 +6,10 @@ through all steps of a motion.
 """
 
 from condyn_pin.gradients.routes.active_set import ActiveSet
-from condyn_pin.gradients.routes.base import ROUTES, Route
 from condyn_pin.gradients.routes.event_located import EventLocated
 from condyn_pin.gradients.routes.kappa import Kappa
 from condyn_pin.gradients.routes.randomised import Randomised
+from condyn_pin.gradients.routes.route import ROUTES, Route
 from condyn_pin.gradients.routes.softened import Softened
 
 __all__ = [

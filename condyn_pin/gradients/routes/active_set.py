@@ -15,7 +15,7 @@ from condyn_pin.contact.problem import OPEN, SLIDE, ContactProblem, InModes, Mod
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.solvers.newton import SemismoothNewton, refine
 from condyn_pin.errors import SolveFailed
-from condyn_pin.gradients.routes.base import LawRoute
+from condyn_pin.gradients.routes.route import LawRoute
 from condyn_pin.gradients.routes.step_derivatives import ContactLaw, least
 
 # Steps of Newton's method from an answer: one or two, but for redundant contacts.

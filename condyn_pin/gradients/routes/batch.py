@@ -22,8 +22,8 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, InvalidArgument, SolveFailed
 from condyn_pin.gradients.routes.active_set import ActiveSet
-from condyn_pin.gradients.routes.base import Route, check_parameters
 from condyn_pin.gradients.routes.linear_steps import falls, rows_with_a_place
+from condyn_pin.gradients.routes.route import Route, check_parameters
 from condyn_pin.gradients.routes.step_derivatives import (
     Columns,
     StepDerivatives,

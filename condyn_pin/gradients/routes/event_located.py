@@ -9,9 +9,9 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.gradients.routes.base import Route
 from condyn_pin.gradients.routes.linear_steps import LinearizedStep
 from condyn_pin.gradients.routes.located import LocatedStep
+from condyn_pin.gradients.routes.route import Route
 from condyn_pin.gradients.routes.step_derivatives import StepDerivatives
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.stepping.schemes.moreau import Moreau

@@ -13,7 +13,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin.contact.problem import ContactProblem, normalised
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.gradients.routes.active_set import ActiveSet
-from condyn_pin.gradients.routes.base import LawRoute
+from condyn_pin.gradients.routes.route import LawRoute
 from condyn_pin.gradients.routes.step_derivatives import ContactLaw
 from condyn_pin.simulation.integrators.contact_scheme import BiasPartials, ContactScheme, Near
 from condyn_pin.stepping.schemes.moreau import Moreau

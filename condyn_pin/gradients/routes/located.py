@@ -17,8 +17,8 @@ from condyn_pin._core.joints import difference
 from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactProblem, InModes, Modes
 from condyn_pin.gradients.routes.active_set import ActiveSet
-from condyn_pin.gradients.routes.base import Route
 from condyn_pin.gradients.routes.linear_steps import Ended, LinearizedStep
+from condyn_pin.gradients.routes.route import Route
 from condyn_pin.gradients.routes.step_derivatives import (
     ContactLaw,
     StepDerivatives,

@@ -24,8 +24,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms, whole_data
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.at_state import without_gravity
-from condyn_pin.dynamics.derivatives.base import slope
 from condyn_pin.dynamics.derivatives.kkt import Linearised
+from condyn_pin.dynamics.derivatives.solution_derivatives import slope
 from condyn_pin.gradients.routes.step_derivatives import ContactLaw
 from condyn_pin.simulation.integrators.contact_scheme import BiasPartials
 from condyn_pin.simulation.system import System

@@ -15,8 +15,8 @@ from condyn_pin._core.arrays import Array, Indices, finite
 from condyn_pin._core.joints import difference
 from condyn_pin.contact.problem import MODES
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.gradients.routes.base import Route
 from condyn_pin.gradients.routes.linear_steps import LinearizedStep
+from condyn_pin.gradients.routes.route import Route
 from condyn_pin.gradients.routes.step_derivatives import PARAMETERS, StepDerivatives, made
 from condyn_pin.gradients.routes.varied_steps import VariedSteps
 from condyn_pin.stepping.step_problem import AcceptedStep

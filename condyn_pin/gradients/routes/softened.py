@@ -17,7 +17,7 @@ from condyn_pin.dynamics.solvers.soft import (
     check_softness,
 )
 from condyn_pin.gradients.routes.active_set import margin, polished
-from condyn_pin.gradients.routes.base import LawRoute
+from condyn_pin.gradients.routes.route import LawRoute
 from condyn_pin.gradients.routes.step_derivatives import ContactLaw
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.stepping.schemes.soft_step import SoftStep

@@ -23,8 +23,8 @@ from condyn_pin.simulation.records import Note
 from condyn_pin.stepping.step_problem import StepProblem
 
 if TYPE_CHECKING:
-    from condyn_pin.gradients.routes.base import Route
     from condyn_pin.gradients.routes.linear_steps import Ended, LinearizedStep
+    from condyn_pin.gradients.routes.route import Route
 
 
 class StepJacobian(Jacobian, ABC):

@@ -21,8 +21,8 @@ from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.gradients.routes.active_set import ActiveSet
-from condyn_pin.gradients.routes.base import Chain, Route, check_parameters
 from condyn_pin.gradients.routes.linear_steps import LinearizedStep
+from condyn_pin.gradients.routes.route import Chain, Route, check_parameters
 from condyn_pin.gradients.routes.step_derivatives import PARAMETERS, StepDerivatives
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.outcome import RunStatus

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.model.mechanisms.base import mechanism
 from condyn_pin.model.mechanisms.machine import Machine, Z, hinge, solid
+from condyn_pin.model.mechanisms.registry import mechanism
 from condyn_pin.model.robot import Robot
 
 # Pivots on the ground: K1 at the origin, K5 and K7 at A, K3 at B; the spring ends at C [m]

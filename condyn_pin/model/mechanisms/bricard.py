@@ -6,8 +6,8 @@ from math import asin, pi, sin
 
 import numpy as np
 
-from condyn_pin.model.mechanisms.base import mechanism
 from condyn_pin.model.mechanisms.machine import Machine, X, Y, Z, along, hinge, square_rod
+from condyn_pin.model.mechanisms.registry import mechanism
 from condyn_pin.model.robot import Robot
 
 _LEVER = 0.5  # [m]

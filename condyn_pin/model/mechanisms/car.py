@@ -6,10 +6,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_count
-from condyn_pin.constraints.base import check_positive
+from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.knife_edge import KnifeEdge
 from condyn_pin.constraints.loop import Loop
-from condyn_pin.model.mechanisms.base import LICENCE, source
+from condyn_pin.model.mechanisms.registry import LICENCE, source
 from condyn_pin.model.robot import Robot
 
 

@@ -6,9 +6,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite
-from condyn_pin.constraints.base import check_positive
+from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.point_contact import PointContact
-from condyn_pin.model.mechanisms.base import LICENCE, source
+from condyn_pin.model.mechanisms.registry import LICENCE, source
 from condyn_pin.model.robot import Robot
 
 

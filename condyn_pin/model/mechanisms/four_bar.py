@@ -8,10 +8,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import check_positive
+from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.model.mechanisms.base import LICENCE, add_rod, mechanism, source
+from condyn_pin.model.mechanisms.registry import LICENCE, add_rod, mechanism, source
 from condyn_pin.model.robot import Robot
 
 

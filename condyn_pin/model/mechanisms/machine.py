@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.loop import Loop
-from condyn_pin.model.mechanisms.base import LICENCE, source
+from condyn_pin.model.mechanisms.registry import LICENCE, source
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.tree import DrawnJoint, DrawnTree
 

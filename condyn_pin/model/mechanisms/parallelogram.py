@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from math import pi
 
-from condyn_pin.model.mechanisms.base import mechanism
 from condyn_pin.model.mechanisms.machine import Machine, X, Y, hinge, in_plane, round_rod
+from condyn_pin.model.mechanisms.registry import mechanism
 from condyn_pin.model.robot import Robot
 
 

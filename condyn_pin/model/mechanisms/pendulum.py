@@ -7,8 +7,8 @@ import math
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import check_positive
-from condyn_pin.model.mechanisms.base import LICENCE, mechanism, source
+from condyn_pin.constraints.constraint import check_positive
+from condyn_pin.model.mechanisms.registry import LICENCE, mechanism, source
 from condyn_pin.model.robot import Robot
 
 

@@ -9,11 +9,11 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Constraint, check_positive
+from condyn_pin.constraints.constraint import Constraint, check_positive
 from condyn_pin.constraints.knife_edge import KnifeEdge
 from condyn_pin.constraints.rolling_ball import RollingBall
 from condyn_pin.constraints.rolling_wheel import RollingWheel
-from condyn_pin.model.mechanisms.base import LICENCE, disc, mechanism, source
+from condyn_pin.model.mechanisms.registry import LICENCE, disc, mechanism, source
 from condyn_pin.model.robot import Robot
 
 

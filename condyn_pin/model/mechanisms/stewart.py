@@ -7,7 +7,6 @@ from math import atan2, hypot, pi
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin.model.mechanisms.base import mechanism
 from condyn_pin.model.mechanisms.machine import (
     Machine,
     X,
@@ -21,6 +20,7 @@ from condyn_pin.model.mechanisms.machine import (
     round_rod,
     turn,
 )
+from condyn_pin.model.mechanisms.registry import mechanism
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.tree import DrawnJoint
 

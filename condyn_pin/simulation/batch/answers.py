@@ -24,7 +24,7 @@ from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin.mechanism.projection import check_generator, sample

@@ -19,12 +19,12 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.rows import Native, Verb, run
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays, Messages, Progress, silent
-from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.contacts.contact import Contact
 from condyn_pin.constraints.drift import Baumgarte, Drift
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import LARGEST, Workspace
 from condyn_pin.errors import CondynError, NotAssembled, SolveFailed, StepFailed
 from condyn_pin.mechanism.closed_chains import chains_of
@@ -46,9 +46,9 @@ from condyn_pin.simulation.batch.trajectory import (
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization
 from condyn_pin.simulation.gaps import uses_the_solver
-from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
+from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.integrators.midpoint import ImplicitMidpoint, LinearlyImplicitMidpoint
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.measures import Energy, damping_rate, doubt, gauge_of, is_accurate, work

@@ -17,8 +17,8 @@ from condyn_pin._core.rows import Batch, BatchResult, Some
 from condyn_pin._core.show import require_pandas
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
+from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 from condyn_pin.dynamics.residuals import Residuals
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Question, Solution, Status, solution_columns

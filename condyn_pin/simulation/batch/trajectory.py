@@ -19,7 +19,7 @@ from condyn_pin._core.show import require_pandas
 from condyn_pin._core.work import Arrays, Kind
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.errors import NotRecorded
 from condyn_pin.mechanism.closing import with_anchors
 from condyn_pin.model.joints import by_joint
@@ -38,7 +38,7 @@ from condyn_pin.simulation.files import (
     scene_of,
     write,
 )
-from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.outcome import MotionLimits, Run, RunStatus
 from condyn_pin.simulation.records import (
     ContactRecord,

@@ -1,7 +1,7 @@
 """Drift schemes: what keeps the constraints closed while time goes on, one file each.
 
 Every module of this folder is imported once, and each scheme in it registers itself, so that to
-add a scheme is to add one file (`base.py` says what it must contain).
+add a scheme is to add one file (`constraints/drift.py` has its contract).
 """
 
 from importlib import import_module

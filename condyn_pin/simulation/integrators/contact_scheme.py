@@ -27,9 +27,9 @@ from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.problem import Law, components
 from condyn_pin.contact.restitution import RestitutionLaw, Strike
 from condyn_pin.contact.solvers.admm import ADMM
-from condyn_pin.contact.solvers.base import ContactSolver
+from condyn_pin.contact.solvers.contact_solver import ContactSolver
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.simulation.integrators.base import Integrator, Order
+from condyn_pin.simulation.integrators.integrator import Integrator, Order
 
 # Contacts further away take no part, unless the robot moves further in two steps [m].
 _NEAR = 1e-3

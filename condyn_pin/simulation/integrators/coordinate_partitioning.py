@@ -10,7 +10,12 @@ import numpy as np
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.linalg import pivots
 from condyn_pin.errors import StepFailed
-from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper, fixed_point_iteration
+from condyn_pin.simulation.integrators.integrator import (
+    Integrator,
+    Order,
+    Stepper,
+    fixed_point_iteration,
+)
 from condyn_pin.simulation.system import System
 
 # Norm of what other columns of J leave of one that counts as nothing, as a share of the largest.

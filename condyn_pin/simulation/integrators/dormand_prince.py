@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core.arguments import check_share
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidArgument, SolveFailed, StepFailed
-from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
+from condyn_pin.simulation.integrators.integrator import Integrator, Order, Stepper
 from condyn_pin.simulation.manifold import HALF_TURN
 from condyn_pin.simulation.system import System
 

@@ -11,7 +11,7 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
+from condyn_pin.simulation.integrators.integrator import Integrator, Order, Stepper
 from condyn_pin.simulation.system import System
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.linalg import inverse as inverse_of
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.simulation.integrators.base import (
+from condyn_pin.simulation.integrators.integrator import (
     Integrator,
     Order,
     Residuals,

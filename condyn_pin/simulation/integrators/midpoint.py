@@ -8,7 +8,12 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper, fixed_point_iteration
+from condyn_pin.simulation.integrators.integrator import (
+    Integrator,
+    Order,
+    Stepper,
+    fixed_point_iteration,
+)
 from condyn_pin.simulation.system import System
 
 

@@ -12,7 +12,7 @@ from condyn_pin._core.arguments import is_whole
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import inverse
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.simulation.integrators.base import (
+from condyn_pin.simulation.integrators.integrator import (
     Integrator,
     Order,
     Partials,

@@ -31,8 +31,13 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
 from condyn_pin._core.linalg import inverse
 from condyn_pin._core.trees import whole_data
-from condyn_pin.dynamics.derivatives.base import Carried, in_series
-from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper, fixed_point_iteration
+from condyn_pin.dynamics.derivatives.solution_derivatives import Carried, in_series
+from condyn_pin.simulation.integrators.integrator import (
+    Integrator,
+    Order,
+    Stepper,
+    fixed_point_iteration,
+)
 from condyn_pin.simulation.system import System
 
 # Damping of J M^-1 J^T relative to its diagonal. Redundant rows are singular without; an iteration

@@ -7,7 +7,6 @@ from typing import ClassVar
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import Law
-from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.contact_scheme import (
     BiasPartials,
     ContactScheme,
@@ -15,6 +14,7 @@ from condyn_pin.simulation.integrators.contact_scheme import (
     closing_by,
     closing_velocities,
 )
+from condyn_pin.simulation.integrators.integrator import Stepper
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.contact_steps import contact_stepper
 

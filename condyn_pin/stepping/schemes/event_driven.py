@@ -5,15 +5,15 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from condyn_pin.constraints.base import check_positive
+from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.restitution import Energetic, RestitutionLaw, check_law
-from condyn_pin.contact.solvers.base import ContactSolver
+from condyn_pin.contact.solvers.contact_solver import ContactSolver
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
-from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.simulation.integrators.explicit import ExplicitEuler, RungeKutta4, StormerVerlet
+from condyn_pin.simulation.integrators.integrator import Integrator, Order, Stepper
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.event_steps import EventSteps
 from condyn_pin.stepping.transition import NextModes

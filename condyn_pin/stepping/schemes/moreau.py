@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.restitution import Energetic, RestitutionLaw, check_law
-from condyn_pin.simulation.integrators.base import Order, Stepper
 from condyn_pin.simulation.integrators.contact_scheme import BiasPartials, ContactScheme, Near
+from condyn_pin.simulation.integrators.integrator import Order, Stepper
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.contact_steps import contact_stepper
 

@@ -21,8 +21,8 @@ from condyn_pin.dynamics.solvers.soft import (
     reference,
     reference_by,
 )
-from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.contact_scheme import BiasPartials, ContactScheme, Near
+from condyn_pin.simulation.integrators.integrator import Stepper
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.contact_steps import contact_stepper
 

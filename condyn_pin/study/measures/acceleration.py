@@ -18,7 +18,7 @@ from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import SolveFailed
-from condyn_pin.study.measures.base import Answer, Measure, relative, unthrown
+from condyn_pin.study.measures.measure import Answer, Measure, relative, unthrown
 
 
 @dataclass(frozen=True)

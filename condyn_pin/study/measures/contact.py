@@ -18,7 +18,7 @@ from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.solution import ContactSolution
 from condyn_pin.contact.solvers import CONTACT_SOLVERS, ContactSolver
-from condyn_pin.contact.solvers.base import SolverResult
+from condyn_pin.contact.solvers.contact_solver import SolverResult
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -26,7 +26,7 @@ from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 from condyn_pin.stepping.single_step import contact_problem
-from condyn_pin.study.measures.base import Answer, Measure, or_inf
+from condyn_pin.study.measures.measure import Answer, Measure, or_inf
 from condyn_pin.study.tables import Methods
 
 _FRICTION = 0.7  # of rubber on a dry floor

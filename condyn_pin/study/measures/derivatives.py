@@ -19,7 +19,7 @@ from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.study.measures.base import Answer, Measure, relative, unthrown
+from condyn_pin.study.measures.measure import Answer, Measure, relative, unthrown
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.gradients.routes import ROUTES, Route
-from condyn_pin.gradients.routes.base import Chain, linear_steps
+from condyn_pin.gradients.routes.route import Chain, linear_steps
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.outcome import uninterrupted
@@ -26,8 +26,8 @@ from condyn_pin.simulation.plan import check_scheme
 from condyn_pin.simulation.run import simulate
 from condyn_pin.stepping.schemes.event_driven import EventDriven
 from condyn_pin.stepping.schemes.moreau import Moreau
-from condyn_pin.study.measures.base import Answer, Measure, relative
 from condyn_pin.study.measures.contact import feet_on_the_floor
+from condyn_pin.study.measures.measure import Answer, Measure, relative
 from condyn_pin.study.measures.trajectory import schemes_made
 from condyn_pin.study.tables import Methods, Parameter
 

@@ -17,7 +17,7 @@ from condyn_pin._core.timing import Call, State
 from condyn_pin.contact.restitution import RESTITUTION_LAWS
 from condyn_pin.contact.solvers import CONTACT_SOLVERS
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import Workspace, default_solver
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.drift import DRIFTS, Drift
@@ -28,7 +28,7 @@ from condyn_pin.simulation.outcome import uninterrupted
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.stepping.schemes.moreau import Moreau
-from condyn_pin.study.measures.base import Answer, Measure, relative
+from condyn_pin.study.measures.measure import Answer, Measure, relative
 from condyn_pin.study.tables import Parameter
 
 # As far as doubles go: a thousandth of what any integrator with a fixed step reaches.

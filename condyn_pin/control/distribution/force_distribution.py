@@ -28,9 +28,9 @@ from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.cones import ContactCones, placements
-from condyn_pin.control.qp.base import QPSolver, QuadraticProgram
 from condyn_pin.control.qp.chain import ChainAnswer, SolverLadder
 from condyn_pin.control.qp.proxqp import ProxQP
+from condyn_pin.control.qp.qp_solver import QPSolver, QuadraticProgram
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import Infeasible, InvalidArgument
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from condyn_pin._core.arguments import enter
-from condyn_pin.constraints.base import Constraint, Machine, MjcfGeomWriter
+from condyn_pin.constraints.constraint import Constraint, Machine, MjcfGeomWriter
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.places import short
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnsupportedConstraint, unknown_name

@@ -51,7 +51,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.tolerances import SOLVED
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.derivatives.base import Derivatives
+    from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
     from condyn_pin.dynamics.solution import Solution
     from condyn_pin.dynamics.solvers.proximal import OpenRows
     from condyn_pin.dynamics.workspace import Workspace

@@ -35,7 +35,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_accuracy, check_called, enter
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.base import check_positive
+from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.forces import ALIGNED, frame_jacobian
 from condyn_pin.constraints.path import MinimumJerk
 from condyn_pin.constraints.rows.bound import Terms
