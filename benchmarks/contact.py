@@ -310,7 +310,7 @@ def costs(repeats: int) -> dict[str, dict[str, float]]:
     """Return the processor time of each route, relative to ActiveSet; and its own to bilateral."""
     solo = cp.load_robot("solo12")
     scene = cp.Scene(solo, contacts=solo.frictional_contacts(friction=0.7))
-    q = cp.mechanism.put_down(scene, scene.state()[0])
+    q = cp.mechanism.place_on_ground(scene, scene.state()[0])
     v = 0.01 * np.random.default_rng(0).normal(size=18)
     ball, at = point()
     steps = {

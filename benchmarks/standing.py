@@ -50,7 +50,7 @@ from condyn_pin.control import (
     balance,
     push_bound,
 )
-from condyn_pin.mechanism import anchored, put_down
+from condyn_pin.mechanism import anchored, place_on_ground
 
 # base, cone of the controller within that of the floor, and step [s]
 ROBOTS: dict[str, tuple[str, Cone, float]] = {
@@ -107,7 +107,7 @@ class Stand:
         closed = cp.Scene(made, [*made.loops, *made.contacts])
         self.floor = cp.Scene(made, made.loops, contacts=made.frictional_contacts(FRICTION))
         q, self.v = closed.state()
-        self.q, self.base = put_down(self.floor, q), base
+        self.q, self.base = place_on_ground(self.floor, q), base
         self.closed = anchored(closed, self.q)
         now = self.balance(self.q, self.v)
         assert now.polygon is not None

@@ -16,7 +16,7 @@ solo = cp.load_robot("solo12")
 stand = solo.postures["standing"]
 names, friction, slope = [foot.name for foot in solo.contacts], 0.7, np.radians(15)
 level = cp.Scene(solo, contacts=solo.frictional_contacts(friction))
-stand = cp.mechanism.put_down(level, stand)
+stand = cp.mechanism.place_on_ground(level, stand)
 feet = {name: cp.solve(cp.Scene(solo, [cp.PointContact(name)]), stand, np.zeros(18), np.zeros(18))
         .forces[name].at for name in names}  # fmt: skip
 

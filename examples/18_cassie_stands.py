@@ -35,7 +35,7 @@ def main() -> None:
     floor = cp.Scene(cassie, cassie.loops, contacts=cassie.frictional_contacts(friction=0.7))
     closed = cp.Scene(cassie, [*cassie.loops, *cassie.contacts])
     q, v = closed.state("standing")
-    q = cp.mechanism.put_down(floor, q)
+    q = cp.mechanism.place_on_ground(floor, q)
 
     still = balance(closed, q, v, 0 * v, np.zeros(closed.rows))
     feet = still.polygon.in_world.mean(axis=0)

@@ -39,7 +39,7 @@ def main() -> None:
     closed = cp.Scene(talos, talos.contacts)
     floor = cp.Scene(talos, contacts=talos.frictional_contacts(friction=0.7))
     q, v = closed.state()
-    q = cp.mechanism.put_down(floor, q)
+    q = cp.mechanism.place_on_ground(floor, q)
 
     def balanced(q, v):
         return balance(closed, q, v, 0 * v, np.zeros(closed.rows))

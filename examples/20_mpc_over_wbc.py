@@ -41,7 +41,7 @@ def main(quick: bool, no_view: bool) -> None:
     """Sway, be pushed, and say how well it went."""
     solo = cp.load_robot("solo12")
     held, floor = cp.Scene(solo, solo.contacts), cp.Scene(solo, (), solo.frictional_contacts(0.7))
-    q, v = cp.mechanism.put_down(floor, held.state()[0]), np.zeros(18)
+    q, v = cp.mechanism.place_on_ground(floor, held.state()[0]), np.zeros(18)
     start, feet = control.balance(held, q, v, v, np.zeros(12)).com, control.support_polygon(held, q)
     plan = preview(start[2], feet.in_world.min(axis=0) + MARGIN, feet.in_world.max(axis=0) - MARGIN)
     now, answers = [-1.0, np.zeros((3, 2)), np.zeros(2)], []  # since when: c, c', c'', and u

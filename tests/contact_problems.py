@@ -146,7 +146,7 @@ def on_a_rough_floor(
     scene = cp.Scene(robot, contacts=robot.frictional_contacts(friction=friction))
     v, tau = 0.005 * rng.normal(size=robot.nv), 0.1 * rng.normal(size=robot.nv)
     v[2] -= 0.05
-    q = cp.mechanism.put_down(scene, scene.state()[0])
+    q = cp.mechanism.place_on_ground(scene, scene.state()[0])
     q[2] -= 1e-4
     return scene, pin.integrate(robot.model, q, 1e-6 * np.eye(robot.nv)[15]), v, tau
 

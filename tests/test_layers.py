@@ -316,7 +316,7 @@ def stepping() -> tuple[cp.Scene, tuple[np.ndarray, ...]]:
     solo = robot("solo12")
     scene = cp.Scene(solo, contacts=solo.frictional_contacts(friction=0.7))
     q, v = scene.state()
-    q = cp.mechanism.put_down(scene, q)
+    q = cp.mechanism.place_on_ground(scene, q)
     q[2] -= 1e-4
     v[:3] = 0.4, 0.15, 0.0
     v[6:] = 0.1 * np.random.default_rng(0).normal(size=12)

@@ -95,7 +95,7 @@ def test_solo_stands_on_its_feet():
     solo = cp.load_robot("solo12")
     feet = solo.frictional_contacts(friction=0.7)
     scene = cp.Scene(solo, contacts=feet)
-    q = cp.mechanism.put_down(scene, scene.state()[0])
+    q = cp.mechanism.place_on_ground(scene, scene.state()[0])
     model, data = made(solo.to_mjcf(contacts=feet, shapes=True))
     assert model.npair == 4
     mujoco.mj_resetDataKeyframe(model, data, 0)

@@ -73,7 +73,11 @@ def test_a_name_of_the_last_version_is_forwarded_and_says_so(old, now):
 
 @pytest.mark.parametrize(
     ("room", "old", "now"),
-    [("contact", "Attempt", "SolverResult"), ("control", "Give", "Relaxation")],
+    [
+        ("contact", "Attempt", "SolverResult"),
+        ("control", "Give", "Relaxation"),
+        ("mechanism", "put_down", "place_on_ground"),
+    ],
 )
 def test_a_name_that_a_room_had_is_forwarded(room, old, now):
     module = importlib.import_module(f"condyn_pin.{room}")

@@ -72,7 +72,7 @@ def standing():
     solo = cp.load_robot("solo12")
     floor = cp.Scene(solo, contacts=solo.frictional_contacts(friction=0.7))
     q, v = floor.state()
-    return cp.simulate(floor, cp.mechanism.put_down(floor, q), v, duration=0.01, dt=1e-3)
+    return cp.simulate(floor, cp.mechanism.place_on_ground(floor, q), v, duration=0.01, dt=1e-3)
 
 
 def test_panels_above_one_another_have_a_legend_once(standing):
@@ -90,7 +90,7 @@ def test_names_of_contacts_are_within_the_picture():
     talos = cp.load_robot("talos")
     floor = cp.Scene(talos, contacts=talos.frictional_contacts(friction=0.7))
     q, v = floor.state()
-    run = cp.simulate(floor, cp.mechanism.put_down(floor, q), v, duration=0.002, dt=1e-3)
+    run = cp.simulate(floor, cp.mechanism.place_on_ground(floor, q), v, duration=0.002, dt=1e-3)
     ax = plots.modes(run)
     ax.figure.canvas.draw()
     assert min(label.get_window_extent().x0 for label in ax.get_yticklabels()) >= 0.0

@@ -246,7 +246,7 @@ def test_kappa_has_an_answer_where_feet_hit_the_floor_fast():
     for seed in (2, 12, 17, 22, 32):
         rng = np.random.default_rng(seed)
         _, v = scene.sample(rng, speed=10.0)
-        down = cp.mechanism.put_down(scene, q)
+        down = cp.mechanism.place_on_ground(scene, q)
         down[2] -= 1e-3 * rng.random()
         x, u = np.concatenate([down, v]), rng.normal(size=12)
         assert np.abs(smooth.step(x, u) - hard.step(x, u)).max() < 1e-3 * np.abs(v).max()

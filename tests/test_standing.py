@@ -32,7 +32,7 @@ from condyn_pin.control import (
     push_bound,
 )
 from condyn_pin.dynamics.solution import Sites
-from condyn_pin.mechanism import anchored, put_down
+from condyn_pin.mechanism import anchored, place_on_ground
 
 pytest.importorskip("proxsuite")
 
@@ -58,7 +58,7 @@ class Standing:
         self.held = cp.Scene(made, [*made.loops, *made.contacts])
         self.floor = cp.Scene(made, made.loops, contacts=made.frictional_contacts(friction=0.7))
         q, self.v = self.held.state()
-        self.q = put_down(self.floor, q)
+        self.q = place_on_ground(self.floor, q)
         polygon = self._balance(self.q, self.v).polygon
         assert polygon is not None
         feet = polygon.plane.origin

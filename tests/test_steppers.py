@@ -311,6 +311,13 @@ def test_restitution_is_refused_where_nothing_rebounds(
         cp.simulate(scene, scene.state()[0], np.zeros(6), duration=0.1, integrator=scheme)
 
 
+@pytest.mark.parametrize("member", ["asked", "asked_by", "gives_way"])
+def test_a_scheme_with_a_member_of_the_last_version_is_refused(member: str) -> None:
+    with pytest.raises(cp.InvalidArgument, match=f"Own.{member}: its name is `\\w+` now"):
+        type("Own", (Moreau,), {member: None})
+    assert "own" not in cp.simulation.INTEGRATORS
+
+
 def test_a_start_that_penetrates_is_refused() -> None:
     q = lying(0.0)
     q[2] -= 2e-3

@@ -201,7 +201,7 @@ def crouching() -> tuple[float, float]:
     """Return how far Solo12's centre of mass is from its goal, before and after FDDP [m]."""
     robot = cp.load_robot("solo12")
     scene = cp.Scene(robot, contacts=robot.frictional_contacts(friction=0.7))
-    q = cp.mechanism.put_down(scene, scene.state()[0])
+    q = cp.mechanism.place_on_ground(scene, scene.state()[0])
     model, data = robot.model, robot.model.createData()
     held = cp.control.gravity_compensation(cp.Scene(robot, robot.contacts), q).u
     x, start = np.r_[q, np.zeros(model.nv)], pin.centerOfMass(model, data, q).copy()

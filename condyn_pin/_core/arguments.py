@@ -435,8 +435,8 @@ def _value(node: ast.expr) -> Any:
 _Entry = TypeVar("_Entry")
 
 
-def enter(registry: dict[str, _Entry], name: str, entry: _Entry, what: str) -> None:
-    """Enter something into a registry; InvalidArgument says `what` exists if its name is taken."""
+def register(registry: dict[str, _Entry], name: str, entry: _Entry, what: str) -> None:
+    """Add an entry to a registry; InvalidArgument says that `what` exists if its name is taken."""
     if name in registry:
         raise InvalidArgument(f"{what} exists: choose another name")
     registry[name] = entry

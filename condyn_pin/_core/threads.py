@@ -99,20 +99,20 @@ class ThreadCache(Generic[T]):
     def __init__(self, most: int = 4) -> None:
         self._most, self._of_thread = most, threading.local()
 
-    def of(self, owner: object, asked: object, make: Callable[[], T]) -> T:
-        """Cached object of an owner and of the arguments `asked`; made by `make` if missing."""
+    def of(self, owner: object, arguments: object, make: Callable[[], T]) -> T:
+        """Cached object of an owner and its `arguments`; made by `make` if missing."""
         places: _Places | None = getattr(self._of_thread, "places", None)
         if places is None:
             self._of_thread.places = places = _Places()
         for place in reversed(places):
-            if place.owner() is owner and place.asked == asked:
+            if place.owner() is owner and place.arguments == arguments:
                 if place is not places[-1]:
                     places.remove(place)
                     places.append(place)
                 return place.content  # type: ignore[no-any-return]
         made = make()
         places[:] = [place for place in places if place.owner()]
-        places.append(_Place(ref(owner), asked))
+        places.append(_Place(ref(owner), arguments))
         places[-1].keep(made)
         for place in places[: -self._most]:
             place.drop()
@@ -125,7 +125,7 @@ class _Place:
     """Key of a cached object, which is stored on its owner."""
 
     owner: ref[Any]
-    asked: object
+    arguments: object
 
     @property
     def content(self) -> Any:

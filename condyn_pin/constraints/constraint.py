@@ -65,7 +65,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import enter
+from condyn_pin._core.arguments import register
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin._core.joints import rotation_fault, z_along
 from condyn_pin.constraints.drift import Baumgarte
@@ -108,7 +108,7 @@ class Constraint(ABC):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if ABC not in cls.__bases__:
-            enter(KINDS, cls.__name__, cls, f"a kind of constraint named {cls.__name__}")
+            register(KINDS, cls.__name__, cls, f"a kind of constraint named {cls.__name__}")
 
     def _set_name(self, default: str) -> None:
         if not isinstance(self.name, str):

@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from condyn_pin._core.arguments import enter, seconds, step_size
+from condyn_pin._core.arguments import register, seconds, step_size
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument
 
@@ -54,7 +54,7 @@ class Drift(ABC):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         name = cls.__name__.lower()
-        enter(DRIFTS, name, cls, f"a drift scheme named {cls.__name__}")
+        register(DRIFTS, name, cls, f"a drift scheme named {cls.__name__}")
 
     @property
     def rows(self) -> Baumgarte | None:

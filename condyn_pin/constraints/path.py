@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import counted, enter
+from condyn_pin._core.arguments import counted, register
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.errors import InvalidArgument
@@ -38,7 +38,7 @@ class Path(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        enter(PATHS, cls.__name__, cls, f"a path named {cls.__name__}")
+        register(PATHS, cls.__name__, cls, f"a path named {cls.__name__}")
 
     @abstractmethod
     def __call__(self, t: float) -> tuple[Array, Array, Array]:

@@ -268,7 +268,7 @@ def solve_contact(
     with np.errstate(all="ignore"):  # the status says it
         found, natural = attempt_contact(problem, chosen, begin, accuracy)
         spent = perf_counter() - start
-        solution = judged(problem, found, natural, accuracy, spent)
+        solution = verified(problem, found, natural, accuracy, spent)
     if throw and not solution.status.ok:
         accuracies = tolerances.ADVISED_ACCURACIES
         enough = next((x for x in accuracies if solution.natural <= x), None)
@@ -282,7 +282,7 @@ def solve_contact(
     return solution
 
 
-def judged(
+def verified(
     problem: ContactProblem, found: SolverResult, natural: float, accuracy: float, solve_time: float
 ) -> ContactSolution:
     """Return an attempt with its status, judged by its natural residual."""

@@ -43,7 +43,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import check_count, enter, listed
+from condyn_pin._core.arguments import check_count, listed, register
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.attempts import fallbacks, first_attempt
 from condyn_pin.contact.normal_path import End, normal_path
@@ -102,7 +102,7 @@ class RestitutionLaw(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        enter(RESTITUTION_LAWS, cls.__name__.lower(), cls, f"a law named {cls.__name__}")
+        register(RESTITUTION_LAWS, cls.__name__.lower(), cls, f"a law named {cls.__name__}")
 
     def strike(
         self, problem: ContactProblem, restitution: Array, *, always: bool = False

@@ -265,8 +265,8 @@ class Scene:
             Name of a posture; the first one by default, neutral if the robot has none.
         on_ground : bool, optional
             Whether the base is shifted until the lowest contact touches the ground, as
-            `condyn_pin.mechanism.put_down` does. By default only where no posture is named, and
-            contacts of the scene have ground below them.
+            `condyn_pin.mechanism.place_on_ground` does. By default only where no posture is named,
+            and contacts of the scene have ground below them.
 
         Returns
         -------
@@ -299,10 +299,10 @@ class Scene:
         return q, np.zeros(self.robot.nv)
 
     def _on_ground(self, q: Array, *, throw: bool) -> Array:
-        from condyn_pin.mechanism.assembling import put_down
+        from condyn_pin.mechanism.assembling import place_on_ground
 
         try:
-            return put_down(self, q)
+            return place_on_ground(self, q)
         except InvalidArgument:
             if throw:
                 raise

@@ -8,4 +8,7 @@ It takes the equations from `dynamics`, and must not know motions.
 
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+from condyn_pin._core import forward
+
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+__getattr__ = forward(__name__, _public, {"put_down": "mechanism.place_on_ground"})

@@ -1,7 +1,7 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
 from .assembling import assemble_batch as assemble_batch
-from .assembling import put_down as put_down
+from .assembling import place_on_ground as place_on_ground
 from .classification import Classification as Classification
 from .classification import curvature as curvature
 from .classification import growth_vector as growth_vector

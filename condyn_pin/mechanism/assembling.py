@@ -291,7 +291,7 @@ def assemble_batch(
     return Q, closed
 
 
-# put_down: a floating robot on the ground that its contacts may touch.
+# place_on_ground: a floating robot on the ground that its contacts may touch.
 #
 #     x <- x - gap n,    of the ground with the least gap, until it touches
 #     x <- x - gap n,    of what a contact is in, until it is in nothing
@@ -304,7 +304,7 @@ _SHIFTS = 20
 _FACES_UP = 0.1
 
 
-def put_down(scene: Scene, q: ArrayLike) -> Array:
+def place_on_ground(scene: Scene, q: ArrayLike) -> Array:
     """Return a configuration with the floating base shifted until the lowest contact just touches.
 
     x <- x - gap n,  with gap and n of the ground that is nearest below, and out of walls

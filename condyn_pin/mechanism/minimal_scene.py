@@ -276,7 +276,7 @@ def minimal(
     errors = None
     while errors is None:
         search.run()
-        errors = search.judged(judge)
+        errors = search.verified(judge)
     small = search.scenes[-1]
     us, said = _times(scene, small, solver, states)
     return Minimal(
@@ -332,7 +332,7 @@ class _Search:
             if good:
                 self.scenes.append(after)
 
-    def judged(self, judge: _Question) -> ReductionErrors | None:
+    def verified(self, judge: _Question) -> ReductionErrors | None:
         """Return the errors of the last scene if they are within the limit, or take it back."""
         if len(self.scenes) == 1:
             return _NONE

@@ -91,7 +91,7 @@ class Course:
         return found[0]
 
 
-def judged(course: Course) -> tuple[RunStatus, str]:
+def judged_status(course: Course) -> tuple[RunStatus, str]:
     """Status of a motion that came to its end, and each limit that it has left, in a sentence."""
     found = [
         (RunStatus.OPENED, left_open(course)),
@@ -193,7 +193,7 @@ def _depth_limits(course: Course, phase: Phase, gaps: Array) -> Array:
     begun = np.maximum(-gaps[0], 0.0) if phase.samples.start == 0 else np.zeros(gaps.shape[1])
     if limit is not None:
         return np.asarray(limit + np.where(begun > tolerances.NEARLY_CLOSED, begun, 0.0))
-    if isinstance(scheme, ContactScheme) and scheme.gives_way:
+    if isinstance(scheme, ContactScheme) and scheme.penetrates_at_rest:
         return np.full(gaps.shape[1], inf)
     size = max(default_gap(course.scene.robot), tolerances.NEARLY_APART)
     return np.asarray(size + begun)

@@ -151,7 +151,7 @@ def _error(trajectory: Trajectory) -> list[str]:
 def _stays_deep(trajectory: Trajectory) -> list[str]:
     """Return a sentence on the contact that carries deepest in another body, if none pushes out."""
     scheme, record = trajectory.run.integrator, trajectory.contact
-    if not isinstance(scheme, ContactScheme) or scheme.closes_gaps or scheme.gives_way:
+    if not isinstance(scheme, ContactScheme) or scheme.closes_gaps or scheme.penetrates_at_rest:
         return []
     deepest, name, when = 0.0, "", 0
     for each, modes in (record.modes if record else {}).items():

@@ -260,8 +260,8 @@ def check_penetration(scene: Scene, q: Array, integrator: Integrator) -> None:
     pushes = isinstance(integrator, ContactScheme) and integrator.closes_gaps
     steps = "the steps" if pushes else "steps of StewartTrinkle()"
     cure = (
-        "mechanism.put_down(scene, q) puts a floating robot onto the floor; with close_start=False "
-        f"{steps} push it out, at {PUSHES:g} m/s at most"
+        "mechanism.place_on_ground(scene, q) puts a floating robot onto the floor; with "
+        f"close_start=False {steps} push it out, at {PUSHES:g} m/s at most"
     )
     _raise_if_deep(scene, q, integrator, tolerances.NEARLY_CLOSED, "", f" at the start: {cure}")
 
@@ -280,7 +280,9 @@ def check_deeper(
 def _raise_if_deep(
     scene: Scene, q: Array, integrator: Integrator, limit: float, what: str, cure: str
 ) -> None:
-    if not scene.contacts or (isinstance(integrator, ContactScheme) and integrator.gives_way):
+    if not scene.contacts or (
+        isinstance(integrator, ContactScheme) and integrator.penetrates_at_rest
+    ):
         return
     candidates, gaps = gaps_at(scene, q)
     if gaps.min(initial=0.0) < -limit:

@@ -31,7 +31,7 @@ from condyn_pin.simulation.measures import (
     is_accurate,
     work,
 )
-from condyn_pin.simulation.motion_status import Course, MotionError, estimated_error, judged
+from condyn_pin.simulation.motion_status import Course, MotionError, estimated_error, judged_status
 from condyn_pin.simulation.notices import notices_of
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.records import (
@@ -121,7 +121,7 @@ class Trajectory:
     @cached_property
     def _judged(self) -> tuple[RunStatus, str]:
         run = self.run
-        status, reason = judged(self.course) if run.status.ok else (run.status, run.reason)
+        status, reason = judged_status(self.course) if run.status.ok else (run.status, run.reason)
         return (run.status, run.reason) if status.ok else (status, reason)
 
     @property

@@ -32,7 +32,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, diagonal_of
 from condyn_pin._core.linalg import MinimumNorm, factorise
 from condyn_pin._core.trees import algorithms
-from condyn_pin.contact.attempts import judged
+from condyn_pin.contact.attempts import verified
 from condyn_pin.contact.condense import condense
 from condyn_pin.contact.problem import OPEN, ContactProblem, Modes, contact_modes
 from condyn_pin.contact.restitution import Strike
@@ -195,7 +195,7 @@ class ContactSteps:
             )
         if not solver.exact and found.answered and isfinite(natural):
             return
-        answer = judged(posed.problem, found, natural, tolerances.CONTACT_SOLVED, nan)
+        answer = verified(posed.problem, found, natural, tolerances.CONTACT_SOLVED, nan)
         names = ", ".join(posed.problem.names)
         if answer.unmet:
             why = f"{answer.status}"

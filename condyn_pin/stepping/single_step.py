@@ -21,7 +21,7 @@ from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.forces import AppliedForce, Load, applied_forces
-from condyn_pin.contact.attempts import judged
+from condyn_pin.contact.attempts import verified
 from condyn_pin.contact.problem import MODES, ContactProblem
 from condyn_pin.contact.solution import ContactSolution, ContactStatus
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
@@ -326,7 +326,7 @@ class ProvedSteps:
         took = perf_counter() - begun
         posed, ended, found, natural, work, *_ = self._steps.last
         lam = self._steps.impulses()
-        contact = judged(posed.problem, found, natural, tolerances.CONTACT_SOLVED, took)
+        contact = verified(posed.problem, found, natural, tolerances.CONTACT_SOLVED, took)
         dynamics, constraint = self._errors(posed, ended, a, lam / self._dt)
         energy, energy_limit = self._energy_error(start, q1, v1)
         equations, candidates = self._system.equations, self._system.contacts

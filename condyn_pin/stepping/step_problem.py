@@ -131,7 +131,7 @@ class ActiveCandidates:
 
     def problem(self, scheme: ContactScheme, near: Near) -> ContactProblem:
         """Return the contact problem of a step."""
-        g, R = scheme.asked(near)
+        g, R = scheme.bias(near)
         stiffness = stiffness_of(near.G, R)  # what is asked for in any case takes longer if cached
         return ContactProblem.trusted(
             G=near.G, g=g, friction=self.friction, half_lines=self.half_lines, limits=self.limits,
@@ -364,7 +364,7 @@ def step_work(scheme: ContactScheme, posed: StepProblem, lam: Array, v1: Array) 
         return NO_WORK
     near = posed.near
     work = 0.5 * float(lam.dot(near.before + posed.J_c.dot(v1)))
-    if scheme.gives_way:
+    if scheme.penetrates_at_rest:
         return ContactWork(work, 0.0, 0.0)
     correction = _pushing_out(near, lam, work) if scheme.closes_gaps else 0.0
     rest = work - correction

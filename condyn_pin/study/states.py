@@ -23,7 +23,7 @@ from condyn_pin.dynamics.at_state import moves_back
 from condyn_pin.dynamics.scene import Scene, motor_torque, standard_scenes
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.io.load import load_robot
-from condyn_pin.mechanism.assembling import put_down
+from condyn_pin.mechanism.assembling import place_on_ground
 from condyn_pin.model.robot import Robot
 
 
@@ -134,7 +134,7 @@ class SampledStates(States):
         made = []
         for _, load in zip(range(self.count), cycle(self.loads), strict=False):
             q, v = scene.sample(rng, spread=self.spread, speed=self.speed)
-            q = put_down(scene, q) if scene.contacts else q
+            q = place_on_ground(scene, q) if scene.contacts else q
             made.append(LOADS[load](scene, q, v, motor_torque(scene.robot, rng)))
         return tuple(made)
 

@@ -24,7 +24,6 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.constraints.constraint import Constraint
@@ -115,17 +114,17 @@ class Extreme:
 def extreme(
     *severities: float, heavy: Sequence[float] = ()
 ) -> Callable[[Callable[..., Case]], Callable[..., Case]]:
-    """Enter a function into `EXTREMES`."""
+    """Register a function in `EXTREMES`."""
 
-    def register(make: Callable[..., Case]) -> Callable[..., Case]:
+    def decorate(make: Callable[..., Case]) -> Callable[..., Case]:
         name, large = make.__name__, tuple(map(float, heavy))
         title = (make.__doc__ or "").split("\n", 1)[0].rstrip(".")
         any_scene = "scene" in signature(make).parameters
         made = Extreme(name, title, (*map(float, severities), *large), large, any_scene, make)
-        enter(EXTREMES, name, made, f"an extreme named {name}")
+        register(EXTREMES, name, made, f"an extreme named {name}")
         return make
 
-    return register
+    return decorate
 
 
 def families() -> dict[str, Extreme | ContactExtreme]:

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.constraints.contacts.shapes import Box, Plane
@@ -60,16 +59,16 @@ class ContactExtreme:
 
 
 def contact_extreme(*severities: float) -> Callable[[Make], Make]:
-    """Enter a function into `CONTACT_EXTREMES`."""
+    """Register a function in `CONTACT_EXTREMES`."""
 
-    def register(make: Make) -> Make:
+    def decorate(make: Make) -> Make:
         name = make.__name__
         title = (make.__doc__ or "").split("\n", 1)[0].rstrip(".")
         made = ContactExtreme(name, title, tuple(map(float, severities)), make)
-        enter(CONTACT_EXTREMES, name, made, f"a contact extreme named {name}")
+        register(CONTACT_EXTREMES, name, made, f"a contact extreme named {name}")
         return make
 
-    return register
+    return decorate
 
 
 # Boxes

@@ -29,7 +29,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import enter, renamed
+from condyn_pin._core.arguments import register, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -118,7 +118,7 @@ class Problem(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        enter(PROBLEMS, cls.name, cls, f"a problem named {cls.name}")
+        register(PROBLEMS, cls.name, cls, f"a problem named {cls.name}")
 
     @property
     @abstractmethod

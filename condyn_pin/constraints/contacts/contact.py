@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from condyn_pin._core.arguments import enter
+from condyn_pin._core.arguments import register
 from condyn_pin.constraints.constraint import Constraint, Machine, MjcfGeomWriter
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.places import short
@@ -43,7 +43,7 @@ class Contact(ABC):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if ABC not in cls.__bases__:
-            enter(CONTACTS, cls.__name__, cls, f"a kind of contact named {cls.__name__}")
+            register(CONTACTS, cls.__name__, cls, f"a kind of contact named {cls.__name__}")
 
     def _set_name(self, default: str) -> None:
         if not isinstance(self.name, str):

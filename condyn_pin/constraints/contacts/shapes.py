@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import enter
+from condyn_pin._core.arguments import register
 from condyn_pin._core.arrays import Array, shown
 from condyn_pin.constraints.constraint import (
     Patch,
@@ -247,7 +247,7 @@ class Shape(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        enter(SHAPES, cls.__name__, cls, f"a shape named {cls.__name__}")
+        register(SHAPES, cls.__name__, cls, f"a shape named {cls.__name__}")
 
     @property
     @abstractmethod

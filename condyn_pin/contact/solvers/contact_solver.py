@@ -26,7 +26,7 @@ from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
 
-from condyn_pin._core.arguments import Grid, enter
+from condyn_pin._core.arguments import Grid, register
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem, Law
 
@@ -98,7 +98,7 @@ class ContactSolver(ABC):
         super().__init_subclass__()
         if ABC not in cls.__bases__:
             name = cls.__name__.lower()
-            enter(CONTACT_SOLVERS, name, cls, f"a contact solver named {cls.__name__}")
+            register(CONTACT_SOLVERS, name, cls, f"a contact solver named {cls.__name__}")
 
     @abstractmethod
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> SolverResult:

@@ -24,7 +24,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin._core.arguments import enter
+from condyn_pin._core.arguments import register
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.cones import ContactCones, placements
@@ -70,7 +70,7 @@ class ForceDistribution(ABC):
         super().__init_subclass__()
         if getattr(cls.measured, "__isabstractmethod__", False):
             return
-        enter(DISTRIBUTIONS, cls.__name__, cls, f"a force distribution named {cls.__name__}")
+        register(DISTRIBUTIONS, cls.__name__, cls, f"a force distribution named {cls.__name__}")
 
     @abstractmethod
     def measured(self, at: Sites, motors: int) -> Array:

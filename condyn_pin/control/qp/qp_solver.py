@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import check_count, enter
+from condyn_pin._core.arguments import check_count, register
 from condyn_pin._core.arrays import Array, Indices, diagonal_of
 from condyn_pin.errors import MissingExtra
 
@@ -202,7 +202,7 @@ class QPSolver(ABC):
         super().__init_subclass__()
         if getattr(cls._start, "__isabstractmethod__", False):
             return
-        enter(QPS, cls.__name__.lower(), cls, f"a QP solver named {cls.__name__}")
+        register(QPS, cls.__name__.lower(), cls, f"a QP solver named {cls.__name__}")
 
     def start(self) -> BoundQP:
         """Return this solver with memory of its own.

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import check_accuracy, check_called, enter
+from condyn_pin._core.arguments import check_accuracy, check_called, register
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.constraint import check_positive
@@ -298,7 +298,7 @@ class Task(ABC):
         super().__init_subclass__()
         if getattr(cls.bind, "__isabstractmethod__", False):
             return
-        enter(TASKS, cls.__name__, cls, f"a task named {cls.__name__}")
+        register(TASKS, cls.__name__, cls, f"a task named {cls.__name__}")
 
     @property
     def _called(self) -> str:

@@ -46,7 +46,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from condyn_pin._core.arguments import Grid, check_accuracy_of_a, enter
+from condyn_pin._core.arguments import Grid, check_accuracy_of_a, register
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.tolerances import SOLVED
 
@@ -145,7 +145,7 @@ class Solver(ABC):
         if getattr(cls.start, "__isabstractmethod__", False):
             return
         name = cls.__name__.lower()
-        enter(SOLVERS, name, cls, f"a solver named {cls.__name__}")
+        register(SOLVERS, name, cls, f"a solver named {cls.__name__}")
         for known in sorted(SOLVERS):  # in one order, whatever is imported first
             SOLVERS[known] = SOLVERS.pop(known)
 

@@ -38,16 +38,16 @@ class _InteriorMoreau(Moreau):
         """Flags of contacts that push in the middle of the step."""
         return np.asarray(super().near(gaps - self.reach * dt * dt, v, dt))
 
-    def asked(self, near: Near) -> tuple[Array, Array | None]:
+    def bias(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
-        g, _ = super().asked(near)
+        g, _ = super().bias(near)
         g[near.normals] += np.maximum(near.gaps, 0.0) / near.dt
         return g, None
 
-    def asked_by(self, near: Near) -> BiasPartials:
-        """Partial derivatives of `asked` by `near`."""
+    def bias_partials(self, near: Near) -> BiasPartials:
+        """Partial derivatives of `bias` by `near`."""
         opens = (near.gaps > 0) / near.dt
-        return super().asked_by(near)._replace(gaps=opens)
+        return super().bias_partials(near)._replace(gaps=opens)
 
 
 @dataclass(frozen=True)

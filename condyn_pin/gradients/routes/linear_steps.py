@@ -5,9 +5,9 @@
 
 with df and ds what the balance of momentum and the constraints leave by q, v and tau at fixed v+
 and impulses (`partials`), and dv_0 the velocities that solve the first line with dlam = 0.
-What a scheme adds to g comes from the scheme (`asked_by`). All of that is by where the equations
-are taken and by their v and tau, in the columns of q, v and tau; `StartChainRule` leads from there
-to the start of the step.
+What a scheme adds to g comes from the scheme (`bias_partials`). All of that is by where the
+equations are taken and by their v and tau, in the columns of q, v and tau; `StartChainRule` leads
+from there to the start of the step.
 
 Off loops with redundant rows nothing satisfies all of them: derivatives by q hold along motions
 that keep the constraints.

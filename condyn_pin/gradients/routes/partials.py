@@ -455,7 +455,7 @@ def add_bias_partials(
 ) -> None:
     """Add what a scheme adds to sigma by all columns (m, columns), at fixed impulses."""
     near, columns, J_c = posed.near, steps.columns, posed.J_c
-    by = steps.scheme.asked_by(near)
+    by = steps.scheme.bias_partials(near)
     if by.bends is not None:
         added[near.normals, : rows.bends.shape[1]] += by.bends[:, None] * rows.bends
     if by.gaps is not None:

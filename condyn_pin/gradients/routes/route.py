@@ -30,7 +30,7 @@ from typing import ClassVar, Final
 
 import numpy as np
 
-from condyn_pin._core.arguments import Grid, enter
+from condyn_pin._core.arguments import Grid, register
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin.contact.problem import ContactProblem
@@ -70,7 +70,7 @@ class Route(ABC):
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
         if ABC not in cls.__bases__:
-            enter(ROUTES, cls.__name__.lower(), cls, f"a route named {cls.__name__}")
+            register(ROUTES, cls.__name__.lower(), cls, f"a route named {cls.__name__}")
 
     def scheme(self, scheme: ContactScheme) -> ContactScheme:
         """Return the scheme whose steps are taken; InvalidArgument if there is none."""

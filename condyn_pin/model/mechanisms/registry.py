@@ -15,7 +15,7 @@ from typing import Any, Final, TypeVar, cast
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import enter
+from condyn_pin._core.arguments import register
 from condyn_pin.model.robot import Robot
 
 LICENCE: Final = "BSD-2-Clause (this project)"
@@ -28,7 +28,7 @@ Builder = TypeVar("Builder", bound=Callable[..., Robot])
 def mechanism(build: Builder) -> Builder:
     """Enter a function into `MECHANISMS`; each of its parameters needs a default."""
     name, by_default = build.__name__, cast(Callable[[], Robot], build)
-    enter(MECHANISMS, name, by_default, f"a mechanism named {name}")
+    register(MECHANISMS, name, by_default, f"a mechanism named {name}")
     return build
 
 

@@ -52,7 +52,7 @@ from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.integrators.midpoint import ImplicitMidpoint, LinearlyImplicitMidpoint
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.measures import Energy, damping_rate, doubt, gauge_of, is_accurate, work
-from condyn_pin.simulation.motion_status import Course, judged
+from condyn_pin.simulation.motion_status import Course, judged_status
 from condyn_pin.simulation.outcome import MotionLimits, RunStatus, check_limits, uninterrupted
 from condyn_pin.simulation.plan import Plan, check_penetration, default_solver, plan
 from condyn_pin.simulation.records import ContactWork, Phase, touch_of
@@ -460,7 +460,7 @@ def put_motions(
             violation=violation[k], constraint_velocity=slip[k], energy=energy.of(k), dt=motions.dt,
             integrator=motions.integrator, solver=solver, limits=motions.limits,
         )  # fmt: skip
-        status, said = judged(course)
+        status, said = judged_status(course)
         outputs["statuses"][row] = RUN_STATUSES.index(status)
         if said:
             words[row] = said

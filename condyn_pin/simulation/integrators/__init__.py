@@ -1,8 +1,8 @@
 """Ways from one time to the next, by name.
 
 Each integrator registers itself where its module is imported, and `INTEGRATORS`, when it is first
-asked for, imports every module of these folders: to add an integrator is to add one file (its contract is
-in `integrator.py`), and a run imports no integrator but its own.
+read, imports every module of these folders: to add an integrator is to add one file (its contract
+is in `integrator.py`), and a run imports no integrator but its own.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ moves the configuration. All else is that of `ContactSteps`.
 1. Add one file to `stepping/schemes/` with a frozen dataclass that inherits from `ContactScheme`.
 2. Set `law`, and `at_midpoint` if M, h, J and the gaps are those of q (+) dt v / 2; then q moves by
    dt (v + v+) / 2, else by dt v+. Set `closes_gaps` if g closes gaps at the end of the step.
-3. Write `near`, `asked`, which returns g and R, and `asked_by`, how they change. Write `start`,
+3. Write `near`, `bias`, which returns g and R, and `bias_partials`, how they change. Write `start`,
    which returns `contact_stepper(self, system, dt)`.
 """
 
@@ -53,6 +53,13 @@ _ALL, _NONE, _BUT_ROUNDING = 0.99, 1e-3, 1.0 - 1e-6
 _TOUCHES = 1e-13
 
 _NO_GAPS: Final = np.zeros(0)
+
+# Members that a scheme of a user's own may define under their names of the last version.
+_RENAMED: Final = {
+    "asked": "bias",
+    "asked_by": "bias_partials",
+    "gives_way": "penetrates_at_rest",
+}
 
 
 class Near(NamedTuple):
@@ -193,9 +200,15 @@ class ContactScheme(Integrator, ABC):
     follows_planes: ClassVar[bool] = False
     touching: ClassVar[float] = 0.0  # gap up to which contacts take part, if no others do [m, rad]
     takes_restitution: ClassVar[bool] = False
-    gives_way: ClassVar[bool] = False  # whether contacts at rest penetrate
+    penetrates_at_rest: ClassVar[bool] = False  # whether contacts at rest penetrate
 
     contact: ContactSolver = ADMM()  # noqa: RUF009  a value
+
+    def __init_subclass__(cls) -> None:
+        for old, now in _RENAMED.items():
+            if old in vars(cls):
+                raise InvalidArgument(f"{cls.__name__}.{old}: its name is `{now}` now; rename it")
+        super().__init_subclass__()
 
     def __post_init__(self) -> None:
         if not isinstance(self.contact, ContactSolver):
@@ -228,11 +241,11 @@ class ContactScheme(Integrator, ABC):
         )
 
     @abstractmethod
-    def asked(self, near: Near) -> tuple[Array, Array | None]:
+    def bias(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] and R (m,) [1/kg] of contacts that are `near`; no R if hard."""
 
-    def asked_by(self, near: Near) -> BiasPartials:
-        """Partial derivatives of `asked` by `near`, without that of g by `free`: the identity."""
+    def bias_partials(self, near: Near) -> BiasPartials:
+        """Partial derivatives of `bias` by `near`, without that of g by `free`: the identity."""
         return BiasPartials()
 
 

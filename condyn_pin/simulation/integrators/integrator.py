@@ -43,7 +43,7 @@ from math import isfinite
 from typing import ClassVar, Literal, NamedTuple
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import enter
+from condyn_pin._core.arguments import register
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.contacts.candidates import Candidates
@@ -118,7 +118,7 @@ class Integrator(ABC):
         if getattr(cls.start, "__isabstractmethod__", False) or cls.__name__.startswith("_"):
             return
         name = cls.__name__.lower()
-        enter(INTEGRATORS, name, cls, f"an integrator named {cls.__name__}")
+        register(INTEGRATORS, name, cls, f"an integrator named {cls.__name__}")
 
     @property
     @abstractmethod

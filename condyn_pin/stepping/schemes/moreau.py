@@ -79,14 +79,14 @@ class Moreau(ContactScheme):
         """Flags of contacts that touch in the middle of the step."""
         return np.asarray(gaps <= self.touching)
 
-    def asked(self, near: Near) -> tuple[Array, Array | None]:
+    def bias(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
         g = near.free.copy()
         g[near.normals] += near.restitution * near.before[near.normals] + near.bends / near.dt
         return g, None
 
-    def asked_by(self, near: Near) -> BiasPartials:
-        """Partial derivatives of `asked` by `near`."""
+    def bias_partials(self, near: Near) -> BiasPartials:
+        """Partial derivatives of `bias` by `near`."""
         before = np.zeros_like(near.free)
         before[near.normals] = near.restitution
         approach = near.before[near.normals]

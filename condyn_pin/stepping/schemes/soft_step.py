@@ -65,7 +65,7 @@ class SoftStep(ContactScheme):
     title: ClassVar[str] = "soft step"
     use: ClassVar[str] = "to see what MuJoCo sees"
     law: ClassVar[Law] = "ccp"
-    gives_way: ClassVar[bool] = True
+    penetrates_at_rest: ClassVar[bool] = True
 
     solref: SolRef = DEFAULT_SOLREF  # [s, 1], or [1/s^2, 1/s]
     solimp: SolImp = DEFAULT_SOLIMP
@@ -80,15 +80,15 @@ class SoftStep(ContactScheme):
         """Flags of touching contacts."""
         return np.asarray(gaps <= 0)
 
-    def asked(self, near: Near) -> tuple[Array, Array | None]:
+    def bias(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] and R (m,) [1/kg] of contacts that are `near`."""
         c, d, solref = self._given(near)
         a_ref = reference(c, near.before, d, solref, self.solimp)
         R = (1 - d) / d * near.stiffness
         return near.free - near.before - near.dt * a_ref, R
 
-    def asked_by(self, near: Near) -> BiasPartials:
-        """Partial derivatives of `asked` by `near`."""
+    def bias_partials(self, near: Near) -> BiasPartials:
+        """Partial derivatives of `bias` by `near`."""
         c, d, solref = self._given(near)
         d_gap = np.sign(near.depth) * impedance_slope(np.abs(near.depth), self.solimp)
         b, k, k_d, by_solref = reference_by(c, near.before, d, solref, self.solimp)

@@ -47,12 +47,12 @@ class StewartTrinkle(ContactScheme):
     use: ClassVar[str] = "by default with contacts: nothing penetrates, whatever dt is"
     closes_gaps: ClassVar[bool] = True
 
-    def asked(self, near: Near) -> tuple[Array, Array | None]:
+    def bias(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
         return closing_velocities(near), None
 
-    def asked_by(self, near: Near) -> BiasPartials:
-        """Partial derivatives of `asked` by `near`."""
+    def bias_partials(self, near: Near) -> BiasPartials:
+        """Partial derivatives of `bias` by `near`."""
         return closing_by(near)
 
     def start(self, system: System, dt: float) -> Stepper:

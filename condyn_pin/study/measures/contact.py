@@ -13,7 +13,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import step_size
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import Call, State
-from condyn_pin.contact.attempts import attempt_contact, judged, solve_contact
+from condyn_pin.contact.attempts import attempt_contact, solve_contact, verified
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.solution import ContactSolution
@@ -113,7 +113,7 @@ class ContactMeasure(Measure):
         """Return the answer of a contact solver at a state."""
         problem, solver = self._posed(workspace, state), workspace.solver
         found, natural = attempt_contact(problem, solver, None, _goal(solver))
-        solution = judged(problem, found, natural, accuracy, solve_time=0.0)
+        solution = verified(problem, found, natural, accuracy, solve_time=0.0)
         robot = workspace.scene.robot
         gravity = float(np.linalg.norm(robot.model.gravity.linear))
         least = robot.mass * (gravity * self.dt) ** 2

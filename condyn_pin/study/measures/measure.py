@@ -30,7 +30,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from condyn_pin._core.arguments import Grid, enter
+from condyn_pin._core.arguments import Grid, register
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.scene import Scene, standard_scenes
@@ -91,7 +91,7 @@ class Measure(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        enter(MEASURES, cls.name, cls, f"a measure named {cls.name!r}")
+        register(MEASURES, cls.name, cls, f"a measure named {cls.name!r}")
 
     @property
     def label(self) -> str:

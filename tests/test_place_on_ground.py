@@ -8,7 +8,7 @@ import pytest
 import condyn_pin as cp
 from condyn_pin.constraints import Ball, Plane
 from condyn_pin.dynamics import contact_gaps
-from condyn_pin.mechanism import put_down
+from condyn_pin.mechanism import place_on_ground
 
 
 @pytest.mark.parametrize("name", ["solo12", "go2", "talos", "cassie"])
@@ -16,7 +16,7 @@ def test_the_lowest_foot_just_touches(name):
     robot = cp.load_robot(name)
     scene = cp.Scene(robot, robot.loops, robot.frictional_contacts(0.7))
     q, _ = scene.sample(np.random.default_rng(0))
-    placed = put_down(scene, q)
+    placed = place_on_ground(scene, q)
     assert min(contact_gaps(scene, placed).values()) == pytest.approx(0.0, abs=1e-10)
     assert np.array_equal(placed[3:], q[3:])  # only the place changes
     assert np.array_equal(placed[:2], q[:2])  # over a level floor
@@ -30,34 +30,34 @@ def test_a_ball_comes_to_rest_in_a_groove():
     ])  # fmt: skip
     q, _ = scene.state()
     q[2] = -3.0
-    gaps = list(contact_gaps(scene, put_down(scene, q)).values())
+    gaps = list(contact_gaps(scene, place_on_ground(scene, q)).values())
     assert min(gaps) == pytest.approx(0.0, abs=1e-10)
 
 
 def test_what_does_not_float_or_touch_stays():
     arm = cp.model.pendulum()
     q = np.array([0.3])
-    assert np.array_equal(put_down(cp.Scene(arm), q), q)
+    assert np.array_equal(place_on_ground(cp.Scene(arm), q), q)
     ball = cp.model.free_ball()
     q = ball.postures["resting"]
-    assert np.array_equal(put_down(cp.Scene(ball), q), q)
+    assert np.array_equal(place_on_ground(cp.Scene(ball), q), q)
 
 
 def test_q_is_checked_and_kept():
     scene = cp.Scene(cp.model.free_ball(), contacts=[cp.FrictionalContact("ball", friction=0.5)])
     q, _ = scene.state()
     before = q.copy()
-    assert put_down(scene, q)[2] == pytest.approx(0.0)
+    assert place_on_ground(scene, q)[2] == pytest.approx(0.0)
     assert np.array_equal(q, before)
     with pytest.raises(cp.InvalidArgument, match="q"):
-        put_down(scene, q[:3])
+        place_on_ground(scene, q[:3])
 
 
 def test_contacts_that_never_let_go_have_no_floor_to_be_put_on():
     solo = cp.load_robot("solo12")
     scene = cp.Scene(solo, solo.contacts)
     with pytest.raises(cp.InvalidArgument, match=r"contacts=robot.frictional_contacts"):
-        put_down(scene, scene.state()[0])
+        place_on_ground(scene, scene.state()[0])
 
 
 def test_a_wall_attracts_nothing_and_lets_nothing_in():
@@ -69,12 +69,12 @@ def test_a_wall_attracts_nothing_and_lets_nothing_in():
     ])  # fmt: skip
     q, _ = scene.state(on_ground=False)
     q[:3] = (0.2, 0.0, 1.0)
-    assert put_down(scene, q)[:3] == pytest.approx([0.2, 0.0, 0.1])
+    assert place_on_ground(scene, q)[:3] == pytest.approx([0.2, 0.0, 0.1])
     q[:3] = (0.04, 0.0, 1.0)
-    assert put_down(scene, q)[:3] == pytest.approx([0.1, 0.0, 0.1])
+    assert place_on_ground(scene, q)[:3] == pytest.approx([0.1, 0.0, 0.1])
     beside = cp.Scene(ball, contacts=scene.contacts[1:])
     q[:3] = (0.7, 0.0, 1.0)
-    assert np.array_equal(put_down(beside, q), q)
+    assert np.array_equal(place_on_ground(beside, q), q)
 
 
 def test_another_body_in_the_air_does_not_move_the_base():
@@ -84,7 +84,7 @@ def test_another_body_in_the_air_does_not_move_the_base():
     ])  # fmt: skip
     q, _ = scene.state(on_ground=False)
     q[2], q[9] = 0.4, 0.2
-    placed = put_down(scene, q)
+    placed = place_on_ground(scene, q)
     assert placed[2] == pytest.approx(0.05)
     assert np.array_equal(placed[7:], q[7:])
 
@@ -115,7 +115,7 @@ def test_a_base_that_is_tied_to_a_place_stays_there():
     assert hung.check(q).closed
     assert contact_gaps(hung, q)["floor"] > 0.1
     with pytest.raises(cp.InvalidArgument, match="ball~hook ties the base to a place"):
-        put_down(hung, q)
+        place_on_ground(hung, q)
     with pytest.raises(cp.InvalidArgument, match="ball~hook ties"):
         hung.state(on_ground=True)
     with pytest.raises(cp.InvalidArgument, match="on_ground = 'yes': True, False or None"):
