@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import register
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.constraints.constraint import Constraint

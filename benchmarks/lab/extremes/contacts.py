@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import register
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.constraints.contacts.shapes import Box, Plane
