@@ -26,6 +26,7 @@ from .constraints.point_contact import PointContact as PointContact
 from .constraints.surface_contact import SurfaceContact as SurfaceContact
 from .control.controller import Controller as Controller
 from .control.inverse import inverse_dynamics as inverse_dynamics
+from .control.inverse_kinematics import solve_ik as solve_ik
 from .dynamics.impacts import impact as impact
 from .dynamics.scene import Scene as Scene
 from .dynamics.solution import Status as Status

@@ -33,6 +33,7 @@ __all__ = [
     "SolveFailed",
     "StaleModel",
     "StepFailed",
+    "TargetsNotReached",
     "UnknownName",
     "UnmodelledWarning",
     "UnsupportedBackend",
@@ -141,6 +142,23 @@ class BranchChanged(NotAssembled):
 
     def __init__(self, message: str, assembly: Any) -> None:
         super().__init__(message, assembly)
+
+
+class TargetsNotReached(CondynError):
+    """No configuration with closed loops nearby meets the targets of an inverse kinematics.
+
+    Attributes
+    ----------
+    answer : InverseKinematics
+        The configuration that comes nearest, with the errors of each target.
+    """
+
+    def __init__(self, message: str, answer: Any) -> None:
+        super().__init__(message)
+        self.answer = answer
+
+    def __reduce__(self) -> tuple[type[TargetsNotReached], tuple[str, Any]]:
+        return type(self), (str(self), self.answer)
 
 
 class Infeasible(CondynError, ArithmeticError):

@@ -27,6 +27,9 @@ from .inverse import OperationalSpace as OperationalSpace
 from .inverse import gravity_compensation as gravity_compensation
 from .inverse import inverse_dynamics as inverse_dynamics
 from .inverse import operational_space as operational_space
+from .inverse_kinematics import IKStatus as IKStatus
+from .inverse_kinematics import InverseKinematics as InverseKinematics
+from .inverse_kinematics import solve_ik as solve_ik
 from .limits import ControlLimits as ControlLimits
 from .qp import QPS as QPS
 from .qp import QPSolver as QPSolver
@@ -48,4 +51,5 @@ from .tasks.frame_task import FrameTask as FrameTask
 from .tasks.joint_task import JointTask as JointTask
 from .tasks.orientation import Orientation as Orientation
 from .tasks.posture import Posture as Posture
+from .tasks.task import Tracking as Tracking
 from .tasks.task import minimum_jerk as minimum_jerk

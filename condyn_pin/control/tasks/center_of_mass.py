@@ -52,4 +52,6 @@ class CenterOfMass(Tracking):
             return now.J, wanted(now.x, now.v, t) - now.drift
 
         compiled = self._compiled(CENTER_OF_MASS, (3, 3), start, np.array)
-        return BoundTask("accelerations", self._row_names("xyz"), self.unit, rows, compiled)
+        return self._chosen(
+            BoundTask("accelerations", self._row_names("xyz"), self.unit, rows, compiled)
+        )

@@ -90,7 +90,9 @@ class FrameTask(Tracking):
         kind, x_r = (POSITION, np.array) if size == 3 else (POSE, _pose_numbers)
         sizes = (3, 3) if size == 3 else (12, 6)
         compiled = self._compiled(kind, sizes, start, x_r, at=joint, placement=place)
-        return BoundTask("accelerations", self._row_names(axes), self.unit, rows, compiled)
+        return self._chosen(
+            BoundTask("accelerations", self._row_names(axes), self.unit, rows, compiled)
+        )
 
 
 _SIX = ("x", "y", "z", "about x", "about y", "about z")

@@ -81,4 +81,4 @@ class JointTask(Tracking):
             return J, wanted(motion.q[i : i + 1], motion.v[k : k + 1], t)
 
         compiled = self._compiled(JOINT, (1, 1), start, np.atleast_1d, at=i, columns=(k,))
-        return BoundTask("accelerations", (self.name,), self.unit, rows, compiled, J)
+        return self._chosen(BoundTask("accelerations", (self.name,), self.unit, rows, compiled, J))

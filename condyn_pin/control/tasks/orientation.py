@@ -83,7 +83,7 @@ class Orientation(Tracking):
         compiled = self._compiled(
             ORIENTATION, (9, 3), start, _turn_numbers, at=joint, placement=place
         )
-        return BoundTask("accelerations", names, self.unit, rows, compiled)
+        return self._chosen(BoundTask("accelerations", names, self.unit, rows, compiled))
 
 
 def turn_to(wanted: Array, R: Array) -> Array:

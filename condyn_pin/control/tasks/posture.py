@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -64,6 +64,11 @@ class Posture(Tracking):
             raise InvalidArgument("a: a posture is a reference; JointTask takes an acceleration")
         super().__post_init__()
 
+    def at(self, t: float) -> Posture:
+        """Return the task of standing at its posture at a time [s]."""
+        q = self.posture if self.reference is None else self.reference(t)[0]
+        return replace(self, posture=q, reference=None, kp=1.0, kd=0.0)
+
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return the task bound to a scene; by default joints stay where they are at `home`."""
         robot = scene.robot
@@ -92,7 +97,7 @@ class Posture(Tracking):
         names = self._row_names(entry_names(robot.model, columns))
         sizes = robot.model.nq, robot.nv
         compiled = self._compiled(POSTURE, sizes, start, goal, columns=tuple(columns.tolist()))
-        return BoundTask("accelerations", names, self.unit, rows, compiled, J)
+        return self._chosen(BoundTask("accelerations", names, self.unit, rows, compiled, J))
 
     def _configuration(self, robot: Robot, home: DefaultReference) -> Any:
         """Return the posture (nq,)."""

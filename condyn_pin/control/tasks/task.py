@@ -24,15 +24,15 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from numbers import Real
-from typing import Any, ClassVar, Final, Literal, NamedTuple
+from typing import Any, ClassVar, Final, Literal, NamedTuple, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import check_accuracy, check_called, register
+from condyn_pin._core.arguments import check_accuracy, check_called, checked, listed, register
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.constraint import check_positive
@@ -319,15 +319,23 @@ class Tracking(Task):
 
     Parameters
     ----------
-    reference : array_like or callable, optional
-        Where it belongs, in its own unit, or a function of t that returns (x, v, a). By default
-        where it is in the first posture of the robot.
-    a : array_like, optional
+    reference : (k,) array_like or callable, optional
+        Where it belongs [m, rad], or a function of t that returns (x, v, a). By default where it is
+        in the first posture of the robot.
+    a : (r,) array_like, optional
         An acceleration that is wanted as it is, in place of a reference and without feedback.
     kp : float
         Gain of the position error [1/s^2].
     kd : float, optional
         Gain of the velocity error [1/s]; 2 sqrt(kp) by default, which is critical damping.
+    axes : sequence of str, optional
+        Rows that it has, such as "xy" of a centre of mass, or ("z", "about x") of a pose; all by
+        default. The compiled core has whole tasks only.
+
+    Raises
+    ------
+    InvalidArgument
+        If a gain is negative, or a reference and an acceleration are both given.
     """
 
     unit: ClassVar[str] = "m/s^2"
@@ -336,6 +344,7 @@ class Tracking(Task):
     a: Any = field(default=None, kw_only=True)
     kp: float = field(default=100.0, kw_only=True)  # [1/s^2]
     kd: float | None = field(default=None, kw_only=True)  # [1/s]
+    axes: Sequence[str] | None = field(default=None, kw_only=True)
 
     def __post_init__(self) -> None:
         check_accuracy("kp", self.kp)
@@ -350,11 +359,40 @@ class Tracking(Task):
             object.__setattr__(self, "reference", self._value(self.reference))
         if self.a is not None:
             object.__setattr__(self, "a", _tuple(finite("a", self.a, np.shape(self.a))))
+        if self.axes is not None:
+            object.__setattr__(self, "axes", tuple(self.axes))
         super().__post_init__()
+
+    def at(self, t: float) -> Self:
+        """Return the task of standing at its reference at a time [s]: b = x_r - x at rest."""
+        if self.a is not None:
+            raise InvalidArgument(f"{self.name}: a reference is needed, not an acceleration")
+        found = self.reference
+        if callable(found):
+            found = found(t)[0]
+        return replace(self, reference=found, kp=1.0, kd=0.0)
 
     def _value(self, reference: Any) -> Any:
         """Return a reference that is no function as what hashes, or raise InvalidArgument."""
         return _tuple(finite("reference", reference, np.shape(reference)))
+
+    def _chosen(self, bound: BoundTask) -> BoundTask:
+        """The rows of `axes`."""
+        if self.axes is None:
+            return bound
+        known = [row.removeprefix(f"{self.name}.") for row in bound.names]
+        names = checked("axes", self.axes, known, "axis")
+        if not names:
+            raise InvalidArgument(f"axes: one at least of {listed(known)} is needed")
+        some = [known.index(name) for name in names]
+
+        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+            J, b = bound.rows(motion, t)
+            return J[some], b[some]
+
+        fixed = None if bound.fixed is None else bound.fixed[some]
+        chosen = tuple(bound.names[i] for i in some)
+        return replace(bound, names=chosen, rows=rows, compiled=None, fixed=fixed)
 
     def _feedback(
         self, size: int, start: Callable[[], Any], error: Callable[[Any], Callable[[Any], Array]]

@@ -1,0 +1,492 @@
+"""Inverse kinematics with loops: the configuration with closed loops that is nearest to targets.
+
+    min over q of  sum_k w_k |x_k* - x_k(q)|^2 / 2    with  c(q) = 0,    lower <= q <= upper
+
+x_k is what task k tracks (`condyn_pin.control.Tracking`), c the gap of the loops. A step is one of
+Levenberg and Marquardt in the motions Z that the loops leave, J Z = 0, with E the Jacobian of all
+x_k and e what is left of them, weighted by w_k:
+
+    dq = Z y,    min over y of  |E Z y - e|^2 / 2 + nu min(|e|, 1)^2 |y|^2 / 2,    lower <= q + dq <= upper
+
+Then the loops are closed again, and the step counts if |e| fell. No weight is between loops and
+targets. What targets leave free goes to a posture, if one is given:
+
+    min |q - posture|^2 / 2    with  c(q) = 0,    e(q) as it was
+
+The proof is the gradient of the first problem, without what stops of joints carry,
+
+    Z^T E^T e + sum_i mu_i z_i = 0,    mu_i >= 0,    z_i the row of Z of a joint that is at its stop
+"""  # noqa: E501
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Final, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import check_count, check_flag, checked, listed, normalised
+from condyn_pin._core.arrays import Array, finite, shown
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.joints import indices
+from condyn_pin._core.linalg import null_space
+from condyn_pin.constraints.rows.bound import ConstraintViolation
+from condyn_pin.control.qp.qp_solver import QPSolver, QuadraticProgram
+from condyn_pin.control.qp.chain import SolverLadder
+from condyn_pin.control.qp.daqp import DAQP
+from condyn_pin.control.tasks.task import BoundTask, Motion, Tracking
+from condyn_pin.dynamics.at_state import equations_of
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.errors import InvalidArgument, TargetsNotReached, unknown_name
+from condyn_pin.mechanism.assembling import assemble_from, check_held, nominal_configuration
+from condyn_pin.mechanism.closed_chains import chains_of
+from condyn_pin.mechanism.closing import Assembly, Closer, anchored
+from condyn_pin.model.joints import NO_LIMITS
+
+_LONGEST: Final = 0.4  # move of any joint in one step [rad, m]
+_CLOSING: Final = 12  # steps that close the loops again after one towards the targets
+_DAMPING: Final = 1e-2  # nu at the start
+_MOST_DAMPING: Final = 1e12  # where no step brings the targets nearer any more
+_FLOOR: Final = 1e-12  # of the damping, relative to |E Z|^2: targets leave some motions free
+_SPREAD: Final = 0.4  # of the second start about the first, of the third twice that [rad, m]
+_WIDEST: Final = 6  # of these spreads
+_SETTLED: Final = 1e-8  # move of any joint that ends the search [rad, m]
+_HOLDING: Final = 4  # steps that restore loops and targets after one towards the posture
+
+
+class IKStatus(Enum):
+    """Outcome of an inverse kinematics; the value is advice."""
+
+    REACHED = "the loops are closed and every target is met"
+    AT_LIMITS = (
+        "joints at their limits keep the targets out of reach; move the targets, or pass "
+        "attempts=10 or within_limits=False"
+    )
+    STATIONARY = (
+        "no small motion brings the targets nearer: they are out of reach, or contradict each "
+        "other, or another start leads there; move them, or pass attempts=10"
+    )
+    OPEN = "the loops could not be closed at the start; give another q0"
+    OUT_OF_STEPS = "the targets were still getting nearer; pass more steps, solve_ik(steps=1000)"
+
+    @property
+    def ok(self) -> bool:
+        """True if the configuration meets the targets."""
+        return self is IKStatus.REACHED
+
+    def __str__(self) -> str:
+        return f"{self.name.lower()}: {self.value}"
+
+
+@dataclass(frozen=True, eq=False)
+class InverseKinematics:
+    """Configuration nearest to targets, with its errors and the proof that none is nearer nearby.
+
+    Attributes
+    ----------
+    q : (nq,) array
+        [rad, m]; quaternions x y z w.
+    errors : dict of str to array
+        Of each task by its name: target minus actual [m, rad], in the order of its rows.
+    status : IKStatus
+    at_limits : tuple of str
+        Joints that are at a limit.
+    slope : float
+        Gradient of the sum of squares along the motions that loops and limits leave [m, rad], zero
+        where no small motion brings the targets nearer.
+    iterations : int
+        Of the attempt that ended here.
+    attempts : int
+        Starts that were tried.
+    assembly : Assembly
+        Gaps of the loops, rank, branch and passed limits at q.
+    """
+
+    q: Array
+    errors: Mapping[str, Array]
+    status: IKStatus
+    at_limits: tuple[str, ...]
+    slope: float  # [m, rad]
+    iterations: int
+    attempts: int
+    assembly: Assembly
+
+    @property
+    def violation(self) -> Mapping[str, ConstraintViolation]:
+        """How far each loop is open: a length [m] and an angle [rad]."""
+        return self.assembly.violation
+
+    def error(self) -> TargetsNotReached:
+        """Return the error that `solve_ik` raises if the status is not REACHED."""
+        if self.status is IKStatus.OPEN:
+            return TargetsNotReached(f"q0: {self.assembly.error()}", self)
+        name, worst = max(self.errors.items(), key=lambda item: _size(item[1]))
+        text = f"{name} is {_size(worst):.3g} from its target after {self.iterations} iterations; "
+        text += f"at limits: {listed(self.at_limits)}; " if self.at_limits else ""
+        return TargetsNotReached(text + self.status.value, self)
+
+    def __str__(self) -> str:
+        lines = [str(self.status)]
+        lines += [f"{name:<28} {_size(e):.3g} from its target" for name, e in self.errors.items()]
+        lines += [f"{name:<28} open by {gap}" for name, gap in self.violation.items()]
+        lines += [f"at limits: {listed(self.at_limits)}"] if self.at_limits else []
+        lines += [f"{self.iterations} iterations, attempt {self.attempts}, slope {self.slope:.1e}"]
+        return "\n".join(lines)
+
+
+@one_blas_thread
+def solve_ik(
+    scene: Scene,
+    targets: Sequence[Tracking],
+    q0: ArrayLike | None = None,
+    *,
+    posture: str | ArrayLike | None = None,
+    fixed: Sequence[str] = (),
+    within_limits: bool = True,
+    t: float = 0.0,
+    attempts: int = 1,
+    steps: int = 100,
+    qp: QPSolver | None = None,
+    throw: bool = True,
+) -> InverseKinematics:
+    """Return the configuration with closed loops that meets targets, or comes nearest to them.
+
+    min over q of  sum_k w_k |x_k* - x_k(q)|^2 / 2    with  c(q) = 0,    lower <= q <= upper
+
+    Parameters
+    ----------
+    scene : Scene
+        Its loops stay closed, and its contacts stay where they are at the start. Contacts that may
+        open are ignored.
+    targets : sequence of Tracking
+        Tasks of a controller: `FrameTask`, `Orientation`, `CenterOfMass`, `JointTask`, `Posture`.
+        The `reference` of each is its target, and `weight` counts where not all can be met; gains
+        and rates do not matter.
+    q0 : (nq,) array_like, optional
+        Start [rad, m]; the closed first posture of the robot by default.
+    posture : str or (nq,) array_like, optional
+        What joints approach where the targets leave a choice: the name of a posture, or a
+        configuration [rad, m]. By default they stay near the start.
+    fixed : sequence of str
+        Joints that stay as they are in q0, such as stiff springs.
+    within_limits : bool
+        Whether joints stay within their limits.
+    t : float
+        Time of driven constraints, and of references that are functions of time [s].
+    attempts : int
+        How many starts are tried at most, until one reaches the targets: q0, then random ones about
+        it, further and further. The best is returned.
+    steps : int
+        How many each attempt may have.
+    qp : QPSolver, optional
+        Solver of the step; `DAQP()` by default.
+    throw : bool
+        Whether targets that are not met raise an error.
+
+    Returns
+    -------
+    InverseKinematics
+
+    Raises
+    ------
+    InvalidArgument
+        If a target has no position, such as a contact force, or an infinite weight; if q0 or an
+        option is not what is needed.
+    TargetsNotReached
+        If `throw` and the status is not REACHED; the error has the answer.
+    MissingExtra
+        If the solver of quadratic programs is not installed.
+
+    Notes
+    -----
+    Levenberg-Marquardt in the null space of the loops' Jacobian, a quadratic program where joints
+    are near limits, Newton's method on the loops after each step. It converges quadratically where
+    the targets can be met. A pose whose target is turned by nearly half a turn has several
+    directions to go; give it in two steps.
+
+    Cost: 4 to 6 steps from nearby, each a few hundred microseconds.
+
+    References
+    ----------
+    Sugihara. Solvability-unconcerned inverse kinematics by the Levenberg-Marquardt method. IEEE
+    Transactions on Robotics, 2011.
+    """
+    check_scene(scene)
+    robot = scene.robot
+    robot.check_unedited()
+    check_count("attempts", attempts)
+    check_count("steps", steps)
+    check_flag("within_limits", within_limits)
+    time = float(finite("t", t, ()))
+    bare = scene.bilateral.at(time)
+    start = nominal_configuration(bare) if q0 is None else normalised(robot.model, "q0", q0)
+    held = indices(robot.model, checked("fixed", fixed, robot.joints, "joint"))[1]
+    limits = chains_of(bare).limits if within_limits else NO_LIMITS
+    check_held("fixed", limits, start, held)
+    moving = np.ones(robot.nv, dtype=bool)
+    moving[held] = False
+    goal = None if posture is None else _posture(scene, posture)
+    bare = anchored(bare, start)
+    closer = Closer.of(bare, moving, limits)
+    search = _Search(bare, _bound(bare, targets, time), closer, qp or DAQP())
+    rng = np.random.default_rng(0)
+    best: InverseKinematics | None = None
+    for attempt in range(1, attempts + 1):
+        spread = _SPREAD * min(attempt - 1, _WIDEST)
+        move = spread * rng.normal(size=robot.nv) * moving
+        near = np.array(pin.integrate(robot.model, start, move))
+        first = assemble_from(bare, near, moving, within_limits=within_limits)
+        found = search.run(first, goal, steps)
+        if best is None or (found.assembly.closed, -_cost(found)) > (
+            best.assembly.closed, -_cost(best),
+        ):  # fmt: skip
+            best = found
+        best = replace(best, attempts=attempt)
+        if best.status.ok:
+            break
+    assert best is not None
+    if throw and not best.status.ok:
+        raise best.error()
+    return best
+
+
+def _cost(found: InverseKinematics) -> float:
+    return sum(float(e @ e) for e in found.errors.values())
+
+
+def _size(e: Array) -> float:
+    return float(np.linalg.norm(e))
+
+
+def _posture(scene: Scene, posture: str | ArrayLike) -> Array:
+    """The configuration (nq,) that a posture is."""
+    if not isinstance(posture, str):
+        return normalised(scene.robot.model, "posture", posture)
+    if posture not in scene.robot.postures:
+        raise unknown_name("posture", posture, scene.robot.postures)
+    return normalised(scene.robot.model, "posture", scene.robot.postures[posture])
+
+
+def _bound(
+    scene: Scene, targets: Sequence[Tracking], t: float
+) -> dict[str, tuple[BoundTask, float]]:
+    """Tasks at time t, bound to the scene, and their weights, by name."""
+    if isinstance(targets, Tracking):
+        raise InvalidArgument("targets: a sequence of tasks is needed; put it in a list")
+    bound: dict[str, tuple[BoundTask, float]] = {}
+    for i, task in enumerate(targets):
+        if not isinstance(task, Tracking):
+            raise InvalidArgument(
+                f"targets[{i}] = {shown(task)}: a task with a position is needed, such as "
+                "FrameTask('foot', reference=[0, 0, 0.1])"
+            )
+        if not 0.0 < task.weight < np.inf:
+            raise InvalidArgument(
+                f"targets[{i}]: weight = {task.weight:g}; loops and limits hold exactly, a target "
+                "needs a positive, finite weight"
+            )
+        if task.name in bound:
+            raise InvalidArgument(f"targets[{i}]: two are named {task.name!r}; pass name=...")
+        bound[task.name] = (
+            task.at(t).bind(scene, lambda: nominal_configuration(scene)), task.weight,
+        )  # fmt: skip
+    if not bound:
+        raise InvalidArgument("targets: one at least is needed; Scene.assemble closes the loops")
+    return bound
+
+
+class _Place(NamedTuple):
+    """A configuration with closed loops, J (r, nv) of their gaps, e (s,) and E (s, nv)."""
+
+    q: Array
+    J: Array
+    e: Array
+    E: Array
+
+
+def _met(here: _Place) -> bool:
+    return float(np.abs(here.e).max()) <= tolerances.TARGET
+
+
+class _Search:
+    """The search from one start after the other: tasks, loops and limits of one problem."""
+
+    def __init__(
+        self, scene: Scene, tasks: dict[str, tuple[BoundTask, float]], closer: Closer, qp: QPSolver
+    ) -> None:
+        self._scene, self._tasks, self._closer = scene, tasks, closer
+        self._motion = Motion(scene, equations_of(scene))
+        self._ladder = SolverLadder(qp)
+        weights = [np.full(len(task.names), weight) for task, weight in tasks.values()]
+        self._root = np.sqrt(np.concatenate(weights))  # of the weight of each row
+
+    def run(self, first: Assembly, posture: Array | None, steps: int) -> InverseKinematics:
+        """Answer from a start with closed loops."""
+        closing = self._closer.close(first.q)
+        here = self._place(closing.q, closing.J)
+        if not first.closed:
+            return self._answer(here, IKStatus.OPEN, 0, first)
+        here, status, iterations = self._towards_targets(here, steps)
+        if posture is not None:
+            here = self._towards_posture(here, posture, steps)
+        return self._answer(here, status, iterations)
+
+    def _place(self, q: Array, J: Array) -> _Place:
+        """Targets at a configuration with closed loops; J is that of all rows."""
+        self._motion.move(q, np.zeros(self._scene.robot.nv))
+        rows = [task.rows(self._motion, 0.0) for task, _ in self._tasks.values()]
+        E, e = np.vstack([E for E, _ in rows]), np.concatenate([e for _, e in rows])
+        return _Place(q, J[self._closer.rows], e, E)
+
+    def _weighted(self, here: _Place) -> tuple[Array, Array]:
+        """Rows e and E, times the roots of their weights."""
+        return self._root * here.e, self._root[:, None] * here.E
+
+    def _free(self, rows: Array) -> Array:
+        """Basis Z (nv, k) of the motions of the joints that may move with no motion of rows."""
+        moving = self._closer.moving
+        basis = null_space(rows[:, moving])
+        Z = np.zeros((len(moving), len(basis)))
+        Z[moving] = basis.T
+        return Z
+
+    def _towards_targets(self, here: _Place, steps: int) -> tuple[_Place, IKStatus, int]:
+        """Configuration nearest to the targets."""
+        nu = _DAMPING
+        for iteration in range(steps):
+            if _met(here):
+                return here, IKStatus.REACHED, iteration
+            Z, (e, E) = self._free(here.J), self._weighted(here)
+            A, size = E @ Z, _size(e)
+            H, g = A.T @ A, -A.T @ e
+            H.flat[:: len(g) + 1] += nu * min(size, 1.0) ** 2 + _FLOOR * (1.0 + np.trace(H))
+            dq = self._within(here.q, Z, H, g)
+            there = self._closed(here.q, dq)
+            gained = 0.0 if there is None else size**2 - _size(self._root * there.e) ** 2
+            if there is None or gained <= 0.0:
+                nu *= 10.0
+                if nu > _MOST_DAMPING or np.abs(dq).max(initial=0.0) < tolerances.CLOSED:
+                    return here, self._blocked(here), iteration
+                continue
+            promised = size**2 - _size(e - E @ dq) ** 2
+            nu *= 4.0 if gained < 0.25 * promised else 0.2 if gained > 0.75 * promised else 1.0
+            here = there
+            if np.abs(dq).max() < _SETTLED and not _met(here):
+                return here, self._blocked(here), iteration + 1
+        status = IKStatus.REACHED if _met(here) else IKStatus.OUT_OF_STEPS
+        return here, status, steps
+
+    def _towards_posture(self, here: _Place, posture: Array, steps: int) -> _Place:
+        """Configuration nearest to a posture among those with the targets where they are."""
+        model, moving = self._scene.robot.model, self._closer.moving
+        damping = 1e-3
+        for _ in range(steps):
+            p = np.array(pin.difference(model, here.q, posture)) * moving
+            N = self._free(np.vstack((here.J, here.E)))
+            H = (1.0 + damping) * np.eye(N.shape[1])
+            dq = self._within(here.q, N, H, -N.T @ p)
+            if np.abs(dq).max(initial=0.0) < _SETTLED:
+                break
+            there = self._held(here, dq)
+            left = None if there is None else pin.difference(model, there.q, posture) * moving
+            if there is not None and left is not None and left @ left < p @ p:
+                here, damping = there, max(damping / 5.0, 1e-6)
+            elif (damping := 10.0 * damping) > _MOST_DAMPING:
+                break
+        return here
+
+    def _within(self, q: Array, Z: Array, H: Array, g: Array) -> Array:
+        """Step dq = Z y with the least y H y / 2 + g y within limits, none longer than _LONGEST."""
+        limits = self._closer.limits
+        x, C = q[limits.iq], Z[limits.iv]
+        y = -np.linalg.solve(H, g) if len(g) else g
+        lower, upper = np.minimum(limits.lower - x, 0.0), np.maximum(limits.upper - x, 0.0)
+        dx = C @ y
+        if ((dx < lower) | (dx > upper)).any():
+            none = np.zeros((0, len(g))), np.zeros(0)
+            program = QuadraticProgram(H, g, *none, C, lower, upper)
+            answer = self._ladder.solve(program, lambda: (none[1], np.ones(len(lower)))).answer
+            y = answer.x if answer else np.zeros(len(g))
+        dq: Array = Z @ y
+        longest = float(np.abs(dq).max(initial=0.0))
+        return dq if longest <= _LONGEST else dq * (_LONGEST / longest)
+
+    def _closed(self, q: Array, dq: Array) -> _Place | None:
+        """Configuration after a step, its loops closed again; None if they stay open."""
+        moved = np.array(pin.integrate(self._scene.robot.model, q, dq))
+        self._closer.limits.clip(moved)
+        end = self._closer.close(moved, most=_CLOSING)
+        return self._place(end.q, end.J) if end.size <= tolerances.CLOSED else None
+
+    def _held(self, here: _Place, dq: Array) -> _Place | None:
+        """Configuration after a step with loops and targets as they were; None if that fails."""
+        there = self._closed(here.q, dq)
+        for _ in range(_HOLDING):
+            if there is None:
+                return None
+            off = here.e - there.e
+            if np.abs(off).max() < 0.1 * tolerances.TARGET:
+                return there
+            stops = self._stopped(there.q)
+            free = self._closer.moving.copy()
+            free[self._closer.limits.iv[stops]] = False
+            rows = np.vstack((there.J, there.E))[:, free]
+            wanted = np.concatenate((np.zeros(len(there.J)), -off))
+            step = np.zeros(len(free))
+            step[free] = np.linalg.lstsq(rows, wanted, rcond=tolerances.RANK)[0]
+            there = self._closed(there.q, step)
+        if there is None or np.abs(here.e - there.e).max() >= tolerances.TARGET:
+            return None
+        return there
+
+    def _stopped(self, q: Array) -> Array:
+        """Mask of the limits that joints are at."""
+        limits, x = self._closer.limits, q[self._closer.limits.iq]
+        return (x <= limits.lower + tolerances.TARGET) | (x >= limits.upper - tolerances.TARGET)
+
+    def _blocked(self, here: _Place) -> IKStatus:
+        """Status where no step brings the targets nearer."""
+        return IKStatus.AT_LIMITS if self._stopped(here.q).any() else IKStatus.STATIONARY
+
+    def _errors(self, here: _Place) -> dict[str, Array]:
+        """Target minus actual, by task."""
+        sizes = [len(task.names) for task, _ in self._tasks.values()]
+        parts = np.split(here.e, np.cumsum(sizes)[:-1])
+        return dict(zip(self._tasks, parts, strict=True))
+
+    def _slope(self, here: _Place) -> float:
+        """Gradient along the motions that loops leave, without what joints at limits carry."""
+        # imported here: it takes as long to import as Pinocchio
+        from scipy.optimize import nnls
+
+        Z, limits = self._free(here.J), self._closer.limits
+        e, E = self._weighted(here)
+        g, x = Z.T @ (E.T @ e), here.q[limits.iq]
+        low = x <= limits.lower + tolerances.TARGET
+        high = x >= limits.upper - tolerances.TARGET
+        pushed = np.vstack((-Z[limits.iv[low]], Z[limits.iv[high]]))
+        return float(nnls(pushed.T, g)[1]) if len(pushed) and len(g) else _size(g)
+
+    def _answer(
+        self, here: _Place, status: IKStatus, iterations: int, assembly: Assembly | None = None
+    ) -> InverseKinematics:
+        limits, stops = self._closer.limits, self._stopped(here.q)
+        names = dict.fromkeys(limits.joints[i] for i in np.flatnonzero(stops))
+        if assembly is None:
+            within = limits is not NO_LIMITS
+            assembly = assemble_from(self._scene, here.q, self._closer.moving, within_limits=within)
+        return InverseKinematics(
+            here.q,
+            self._errors(here),
+            status,
+            tuple(names),
+            self._slope(here),
+            iterations,
+            1,
+            assembly,
+        )
