@@ -26,7 +26,7 @@ from enum import Enum
 from typing import Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
@@ -444,7 +444,7 @@ class _Search:
             return None
         return there
 
-    def _stopped(self, q: Array) -> Array:
+    def _stopped(self, q: Array) -> NDArray[np.bool_]:
         """Mask of the limits that joints are at."""
         limits, x = self._closer.limits, q[self._closer.limits.iq]
         return (x <= limits.lower + tolerances.TARGET) | (x >= limits.upper - tolerances.TARGET)
