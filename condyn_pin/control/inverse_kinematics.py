@@ -36,9 +36,9 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import null_space
 from condyn_pin.constraints.rows.bound import ConstraintViolation
-from condyn_pin.control.qp.qp_solver import QPSolver, QuadraticProgram
 from condyn_pin.control.qp.chain import SolverLadder
 from condyn_pin.control.qp.daqp import DAQP
+from condyn_pin.control.qp.qp_solver import QPSolver, QuadraticProgram
 from condyn_pin.control.tasks.task import BoundTask, Motion, Tracking
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene, check_scene
