@@ -112,10 +112,11 @@ def test_one_more_step_is_read_in_few_files():
 
 # Where the residuals are evaluated.
 
-# Newton-Euler by `rnea`: in the equations, in place of a product with M that is not formed, and in
-# an iteration that closes c(q) with its own rows.
+# Newton-Euler by `rnea`: in the equations, for what joints pass on, in place of a product with M
+# that is not formed, and in an iteration that closes c(q) with its own rows.
 BY_NEWTON_EULER = {
     "constraints/rows/equations.py",
+    "dynamics/bearings.py",
     "dynamics/solvers/minimum_residual.py",
     "simulation/integrators/integrator.py",
 }

@@ -1,6 +1,7 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
 from .at_state import contact_gaps as contact_gaps
+from .bearings import Bearing as Bearing
 from .derivatives.solution_derivatives import Derivatives as Derivatives
 from .impacts import Impact as Impact
 from .impacts import impact as impact

@@ -28,6 +28,7 @@ from condyn_pin.model.joints import by_joint
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import LeftOut
+    from condyn_pin.dynamics.bearings import Bearing
 
 
 # Rows that miss less, as a share of the largest, are not named.
@@ -343,6 +344,23 @@ class Solution:
         (3,) or (6,) each, force first. A coupling has no axes: it is left out.
         """
         return {name: force.in_world() for name, force in self.forces.items() if force.frame}
+
+    def bearings(self) -> dict[str, Bearing]:
+        """Return the wrench in every joint of the tree and in every loop, by name.
+
+        f_i = I_i (a_i - g) + v_i x* I_i v_i - w_i + sum over children of iX_c f_c
+
+        with w_i what constraints and forces from outside do to body i. On the child by its parent;
+        of a loop on its second body by the first.
+
+        Notes
+        -----
+        A recursion of Newton and Euler, and one more for each redundant row: these tell which
+        components are determined. Cost: tens of microseconds each.
+        """
+        from condyn_pin.dynamics.bearings import bearings  # few answers are asked for them
+
+        return bearings(self.scene, self.q, self.v, self.a, self.lam, self.applied)
 
     @cached_property
     def notices(self) -> tuple[str, ...]:
