@@ -39,7 +39,7 @@ import script
 from script import Table
 
 import condyn_pin as cp
-from condyn_pin._core.show import finished, line
+from condyn_pin._core.show import labelled_axes, line
 from condyn_pin.constraints import Ball, Box, Point
 from condyn_pin.contact import ADMM, SAP
 from condyn_pin.gradients import (
@@ -420,7 +420,7 @@ def draw() -> None:
         slopes = [1e3 * pushed(float(f), route) for f in forces]
         ax.plot(forces, slopes, label=title(route), **line(i))
     ax.axvline(SLIPPING * GRAVITY, color="0.6", lw=0.8)
-    finished(ax, title="", x="force [N]", y="dv/df [mm/s/N]")
+    labelled_axes(ax, title="", x="force [N]", y="dv/df [mm/s/N]")
     figure.savefig(script.result("contact gradients", ".png"), dpi=150)
 
 

@@ -544,11 +544,11 @@ def left_to_python(at: States) -> int:
     """Return how many steps the core leaves."""
     from condyn_pin.dynamics.verbs import workspace_for
     from condyn_pin.gradients.routes.active_set import ActiveSet
-    from condyn_pin.gradients.routes.batch import DifferentiatedRows, kinds_of
+    from condyn_pin.gradients.routes.batch import DifferentiatedRows, output_kinds
     from condyn_pin.stepping.batch import SteppedRows
 
     count = len(at.Q)
-    kinds = {name: kind.times(count) for name, kind in kinds_of(at.scene, ()).items()}
+    kinds = {name: kind.times(count) for name, kind in output_kinds(at.scene, ()).items()}
     outputs = {name: np.zeros(kind.shape, kind.dtype) for name, kind in kinds.items()}
     steps = SteppedRows(tuple(at.scene.contacts), DT, BY)
     rows = DifferentiatedRows(steps, ActiveSet(), ())

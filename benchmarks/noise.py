@@ -325,7 +325,7 @@ def draw(saved: Mapping[str, Any], path: Path) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    from condyn_pin._core.show import finished, line
+    from condyn_pin._core.show import labelled_axes, line
 
     fig, ax = plt.subplots(figsize=(6.3, 4.4), layout="constrained")
     for i, name in enumerate(MACHINES):
@@ -335,7 +335,7 @@ def draw(saved: Mapping[str, Any], path: Path) -> None:
         ax.loglog(noise, all_rows, color="0.7", ls="--", lw=0.8, zorder=1)
         ax.loglog(noise, [max(row["a"], 1e-16) for row in rows], label=name, **line(i), zorder=2)
     ax.plot([], [], color="0.7", ls="--", lw=0.8, label="every row at its word")
-    finished(ax, title="", x="noise of q and v [rad, m; and per second]", y="worst error of a")
+    labelled_axes(ax, title="", x="noise of q and v [rad, m; and per second]", y="worst error of a")
     ax.set_ylim(1e-16, 1e4)
     ax.legend(fontsize=6.5, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
     fig.savefig(path, dpi=200)

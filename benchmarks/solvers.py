@@ -58,7 +58,7 @@ from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.cli.words import solvers_of
 from condyn_pin.dynamics.matrix_free import inverse_delassus
 from condyn_pin.dynamics.scene import motor_torque, standard_scenes
-from condyn_pin.dynamics.workspace import unsupported
+from condyn_pin.dynamics.workspace import unsupported_constraints
 from lab.extremes.base import EXTREMES, Case
 from lab.extremes.stress import Memory, make, tasks
 from lab.extremes.verdicts import Task, error_of, right_answers
@@ -125,7 +125,7 @@ def _contenders(scene: cp.Scene, solvers: str) -> Iterator[tuple[str, cp.dynamic
     """Yield every named solver that takes the scene, and damped those that need it."""
     mu = float(f"{1e-11 * scene.nominal.delassus_norm:.1e}")
     for solver in solvers_of(solvers):
-        if not unsupported(scene, solver):
+        if not unsupported_constraints(scene, solver):
             name = type(solver).__name__
             yield name, solver
             if scene.nominal.redundant and not solver.takes_redundant:

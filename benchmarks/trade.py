@@ -45,7 +45,7 @@ from condyn_pin.dynamics.scene import standard_scenes
 from condyn_pin.study.fresh import FreshErrors
 from condyn_pin.study.measures import MEASURES
 from condyn_pin.study.plots import save_trade
-from condyn_pin.study.printing import timed
+from condyn_pin.study.printing import timing_sentence
 from condyn_pin.study.states import SampledStates
 from condyn_pin.study.tables import ALONE, pareto_front
 from lab.hierarchy import (
@@ -222,7 +222,7 @@ def run_study(
         table = cp.Study(scenes, effort=effort).run(
             executor=executor, progress=progress, results=resume
         )
-    print(f"{perf_counter() - start:.0f} s. {timed(table)}", flush=True)
+    print(f"{perf_counter() - start:.0f} s. {timing_sentence(table)}", flush=True)
     return table
 
 
@@ -360,7 +360,7 @@ def where(table: cp.study.Table) -> str:
         f"{script.source('trade study', table.machine)}. Median time of "
         "`Workspace.acceleration`; worst error at 1000 states that neither the study "
         f"({n} states) nor the choice (200) had seen (`python benchmarks/trade.py cheapest`, "
-        f"`{CHEAPEST.relative_to(script.ROOT)}`).{loads} {timed(table)}"
+        f"`{CHEAPEST.relative_to(script.ROOT)}`).{loads} {timing_sentence(table)}"
     )
 
 

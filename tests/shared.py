@@ -15,7 +15,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import compiled
 from condyn_pin.constraints.loop import axis_of as axis_of
 from condyn_pin.dynamics.scene import motor_torque, standard_scenes
-from condyn_pin.dynamics.workspace import unsupported
+from condyn_pin.dynamics.workspace import unsupported_constraints
 from condyn_pin.errors import MissingExtra
 
 try:
@@ -182,7 +182,7 @@ each_exact_solver = pytest.mark.parametrize(
 def takes(solver: cp.dynamics.Solver, scene: cp.Scene) -> bool:
     """Whether a solver can say ok on a scene."""
     redundant = bool(scene.nominal.redundant)
-    return not unsupported(scene, solver) and (solver.takes_redundant or not redundant)
+    return not unsupported_constraints(scene, solver) and (solver.takes_redundant or not redundant)
 
 
 def short_lever(r: float) -> cp.Scene:

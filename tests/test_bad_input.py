@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
-from condyn_pin.dynamics.workspace import unsupported
+from condyn_pin.dynamics.workspace import unsupported_constraints
 
 GRAVITY = 9.81
 Case = tuple[Callable[[], Any], str]
@@ -861,7 +861,7 @@ def test_what_says_ok_is_right(name, method, exponent, iterations):
 @pytest.mark.parametrize("name", SCENES_OF_PROMISE)
 def test_no_solver_says_ok_by_default_and_is_wrong(name):
     for solver in SOLVERS:
-        if not unsupported(scene(name), solver):
+        if not unsupported_constraints(scene(name), solver):
             assert_keeps_its_promise(name, solver)
 
 

@@ -14,10 +14,14 @@ from condyn_pin._core.compiled import constrained_aba, missing_constrained_aba
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics import PV, ConstrainedABA
 from condyn_pin.dynamics.compiled import CompiledMethod
-from condyn_pin.dynamics.workspace import unsupported
+from condyn_pin.dynamics.workspace import unsupported_constraints
 
 each_kind = pytest.mark.parametrize("kind", [ConstrainedABA, PV])
-HELD = [label for label, scene in all_scenes().items() if not unsupported(scene, ConstrainedABA())]
+HELD = [
+    label
+    for label, scene in all_scenes().items()
+    if not unsupported_constraints(scene, ConstrainedABA())
+]
 
 
 @each_kind
@@ -44,7 +48,9 @@ def test_loops_are_refused_by_name(kind, label, name):
     with pytest.raises(cp.errors.UnsupportedConstraint, match="joins moving bodies") as refused:
         cp.Workspace(all_scenes()[label], kind())
     assert f"{kind.__name__} takes" in str(refused.value)
-    assert all(loop in str(refused.value) for loop in unsupported(all_scenes()[label], kind()))
+    assert all(
+        loop in str(refused.value) for loop in unsupported_constraints(all_scenes()[label], kind())
+    )
     assert "LCABA()" in str(refused.value)
 
 

@@ -24,7 +24,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.dynamics.workspace import unsupported
+from condyn_pin.dynamics.workspace import unsupported_constraints
 
 
 def almost_hard(solver: cp.dynamics.Solver, softness: float) -> cp.dynamics.Solver:
@@ -35,7 +35,7 @@ def almost_hard(solver: cp.dynamics.Solver, softness: float) -> cp.dynamics.Solv
 
 def agrees_with_reference_or_says_why_not(solver, label):
     scene = all_scenes()[label]
-    if refused := unsupported(scene, solver):
+    if refused := unsupported_constraints(scene, solver):
         with pytest.raises(cp.errors.UnsupportedConstraint, match=re.escape(refused[0])):
             cp.Workspace(scene, solver)
         return

@@ -142,7 +142,7 @@ def test_what_is_compiled_is_told_apart(monkeypatch, missing):
     for name in ("compiled", "compiled_tick", "constrained_aba", "missing_constrained_aba"):
         monkeypatch.setattr(compiled, name, getattr(compiled, name).__wrapped__)
     monkeypatch.setattr(compiled, "import_module", imported)
-    said = compiled.features()
+    said = compiled.core_features()
     assert said.keys() == COMPILED.keys()
     for name, module in COMPILED.items():
         assert said[name].startswith("no: " if module in missing else "yes, ")

@@ -27,7 +27,7 @@ from condyn_pin.constraints import (
     analytic,
 )
 from condyn_pin.control import minimum_jerk
-from condyn_pin.dynamics.workspace import unsupported
+from condyn_pin.dynamics.workspace import unsupported_constraints
 from condyn_pin.mechanism import complete_state
 from condyn_pin.simulation import INTEGRATORS
 
@@ -101,7 +101,7 @@ def test_the_free_four_bar_follows_under_the_torque_that_drove_it(driven, bar):
 @each_exact_solver
 def test_solvers_find_one_answer_at_a_time(driven, solver):
     scene = driven.at(0.37)
-    if unsupported(scene, solver):
+    if unsupported_constraints(scene, solver):
         with pytest.raises(cp.errors.UnsupportedConstraint, match="crank"):
             cp.solve(scene, *scene.state(), np.zeros(3), solver=solver)
         return

@@ -17,7 +17,7 @@ from shared import robot
 from test_simulate_batch import DURATION, N, assert_same, scene_of, states
 
 import condyn_pin as cp
-from condyn_pin.constraints.kinds import named
+from condyn_pin.constraints.kinds import kind_named
 
 NUMBERS = ("t", "q", "v", "a", "lam", "tau", "violation", "constraint_velocity", "momentum")
 
@@ -406,7 +406,7 @@ def kinds_below(kind: type) -> set[type]:
 def test_every_kind_of_constraint_can_be_in_a_file():
     kinds = {k for k in kinds_below(cp.constraints.Constraint) if not k.__abstractmethods__}
     ours = {k for k in kinds if k.__module__.startswith("condyn_pin")}
-    assert {named(kind.__name__) for kind in ours} == ours
+    assert {kind_named(kind.__name__) for kind in ours} == ours
 
 
 def test_energies_are_shown_in_a_line():

@@ -21,7 +21,7 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.derivatives.kkt import Linearisation
-from condyn_pin.dynamics.workspace import unsupported
+from condyn_pin.dynamics.workspace import unsupported_constraints
 from condyn_pin.mechanism.classification import _is_involutive, bracket
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.mechanisms.registry import add_rod, disc
@@ -341,8 +341,8 @@ def test_a_frame_may_sit_anywhere_on_the_wheel(seed, axis):
 @each_exact_solver
 def test_every_solver_agrees_with_reference_or_refuses_by_name(label, on, solver):
     scene = SCENES[label]()
-    if unsupported(scene, solver):
-        names = ", ".join(unsupported(scene, solver))
+    if unsupported_constraints(scene, solver):
+        names = ", ".join(unsupported_constraints(scene, solver))
         with pytest.raises(
             cp.errors.UnsupportedConstraint, match=f"{names} cannot be made of those"
         ):

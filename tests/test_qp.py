@@ -13,7 +13,7 @@ from condyn_pin._core import tolerances
 from condyn_pin.control import DAQP, QPS, AnyQP, ProxQP, Quadprog, QuadraticProgram
 from condyn_pin.control.qp import qp_solver
 from condyn_pin.control.qp.chain import SolverLadder
-from condyn_pin.control.qp.qp_solver import QPResult, Saddle, elastic, polish, start
+from condyn_pin.control.qp.qp_solver import QPResult, Saddle, elastic, polish, start_from_active_set
 
 pytest.importorskip("proxsuite")
 pytest.importorskip("daqp")
@@ -128,7 +128,7 @@ def test_a_polish_takes_a_rough_answer_to_rounding():
         if not exact.solved:
             continue
         noise = 1e-7 * rng.normal(size=len(program.g))
-        rough = start(program, exact.answer.x + noise, exact.answer.z)
+        rough = start_from_active_set(program, exact.answer.x + noise, exact.answer.z)
         found = polish(program, rough, 1e-12, 10, Saddle())
         assert found.residual <= 1e-9
         polished += 1

@@ -84,7 +84,7 @@ def test_names_that_are_no_text_are_printed(tmp_path):
 def test_a_table_in_colours_stays_one():
     """On a terminal, what is ours still has its colours, and columns fit."""
     screen = output._Screen(markup=False, force_terminal=True, width=80, file=io.StringIO())
-    table = output.words("what")
+    table = output.text_table("what")
     table.add_row(EVIL)
     screen.print(table)
     screen.print("wrong", style="bold red")

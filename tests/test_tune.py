@@ -63,11 +63,11 @@ def test_without_a_plan_the_error_says_tune(scene):
     ],
 )
 def test_what_was_kept_is_found_by_an_equal_scene(scene, solver, cache):
-    study.keep(scene, choice(solver))
+    study.write_plan_of(scene, choice(solver))
     (path,) = cache.glob("*/*.json")
     saved = json.loads(path.read_text())
     assert (saved["found"], saved["expected"], saved["states"]) == (1e-10, 2e-10, 200)
-    assert saved["where"] == plans.here()
+    assert saved["where"] == plans.this_machine()
     bar = cp.model.four_bar()
     assert cp.study.tuned(cp.Scene(bar, bar.loops), 1e-8) == solver
     q, v = scene.sample(np.random.default_rng(0))
@@ -75,7 +75,7 @@ def test_what_was_kept_is_found_by_an_equal_scene(scene, solver, cache):
 
 
 def test_another_scene_another_error_and_another_measure_have_no_plan(scene):
-    study.keep(scene, choice(cp.Proximal()))
+    study.write_plan_of(scene, choice(cp.Proximal()))
     bar = cp.model.four_bar(crank=0.21)
     for other in (cp.Scene(bar, bar.loops), cp.Scene(scene.robot)):
         with pytest.raises(cp.errors.NotTuned):
@@ -87,7 +87,7 @@ def test_another_scene_another_error_and_another_measure_have_no_plan(scene):
 
 
 def test_a_plan_of_another_version_is_not_used_and_is_named(scene, monkeypatch):
-    study.keep(scene, choice(cp.Proximal()))
+    study.write_plan_of(scene, choice(cp.Proximal()))
     now = plans.machine()
     monkeypatch.setattr(plans, "machine", lambda: now | {"pinocchio": "9.9"})
     with pytest.raises(cp.errors.NotTuned, match=f"1e-08 with pinocchio {now['pinocchio']}"):
@@ -110,7 +110,7 @@ def test_a_plan_of_another_version_is_not_used_and_is_named(scene, monkeypatch):
     ],
 )
 def test_a_broken_plan_is_named_and_made_anew(scene, cache, damage):
-    study.keep(scene, choice(cp.Proximal()))
+    study.write_plan_of(scene, choice(cp.Proximal()))
     (path,) = cache.glob("*/*.json")
     broken = damage(path.read_text())
     broken = broken if isinstance(broken, bytes) else broken.encode()
@@ -118,14 +118,14 @@ def test_a_broken_plan_is_named_and_made_anew(scene, cache, damage):
     path.write_bytes(broken)
     with pytest.raises(cp.errors.NotTuned, match=r"tune\(scene, 1e-08\) makes a new one"):
         cp.study.tuned(scene, 1e-8)
-    study.keep(scene, choice(cp.Proximal()))
+    study.write_plan_of(scene, choice(cp.Proximal()))
     assert cp.study.tuned(scene, 1e-8) == cp.Proximal()
 
 
 def test_plans_written_at_the_same_time_are_whole(scene, cache):
     kept = [choice(cp.Proximal(mu=10.0**-i)) for i in range(1, 9)]
     with ThreadPoolExecutor(8) as threads:
-        list(threads.map(lambda one: study.keep(scene, one), kept * 5))
+        list(threads.map(lambda one: study.write_plan_of(scene, one), kept * 5))
     assert cp.study.tuned(scene, 1e-8) in [one.solver for one in kept]
     assert [path.suffix for path in cache.glob("*/*")] == [".json"]
 
@@ -134,7 +134,7 @@ def test_a_folder_that_cannot_be_written_is_named(scene, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     with pytest.raises(cp.InvalidArgument, match="XDG_CACHE_HOME"):
-        study.keep(scene, choice(cp.Proximal()))
+        study.write_plan_of(scene, choice(cp.Proximal()))
 
 
 def test_the_fingerprint_is_that_of_the_content(scene):

@@ -18,7 +18,7 @@ from oracle import Oracle, exact, mp, of_quaternion
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.joints import turning
+from condyn_pin._core.joints import joints_with_turning_axes
 
 FOUND = Path(__file__).with_name("turning.json")
 OBLIQUE = np.array([0.6, 0.0, 0.8])
@@ -144,7 +144,7 @@ def in_many_digits(scene, q, v, tau, steps):
 @pytest.mark.parametrize("name", KINDS)
 def test_which_joints_turn_is_read_off_their_axes(name):
     model = floating(name).model
-    assert turning(model) == ((2,) if name in TURNING else ())
+    assert joints_with_turning_axes(model) == ((2,) if name in TURNING else ())
 
 
 def question(label: str):

@@ -18,7 +18,7 @@ from condyn_pin.io import meshes
 from condyn_pin.io.shapes import shapes_of
 from condyn_pin.viewing import bodies, marks
 from condyn_pin.viewing import part as palette
-from condyn_pin.viewing.motion import shown, tracks
+from condyn_pin.viewing.motion import drawn_samples, tracks
 from condyn_pin.viewing.part import span
 
 # Meshes
@@ -549,8 +549,8 @@ def test_a_loop_that_is_closed_says_so(monkeypatch):
 def test_an_event_is_shown_before_and_after():
     """Two samples have one time; a sparse motion shows both, and never one out of order."""
     two = SimpleNamespace(t=np.array([0.0, 0.1, 0.1, 0.2]))
-    assert shown(two, 30.0).tolist() == [0, 1, 2, 3]
-    assert shown(two, 1.0).tolist() == [0, 3]
+    assert drawn_samples(two, 30.0).tolist() == [0, 1, 2, 3]
+    assert drawn_samples(two, 1.0).tolist() == [0, 3]
 
 
 def test_what_moves_has_tracks_and_what_rests_has_none():

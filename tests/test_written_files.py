@@ -212,10 +212,10 @@ def test_plans_that_say_something_else_are_none(key, value, tmp_path):
     }  # fmt: skip
     path = tmp_path / "plan.json"
     path.write_text(json.dumps(plan), encoding="utf-8")
-    assert plans.read(path).solver == "DenseKKT"
+    assert plans.read_plan(path).solver == "DenseKKT"
     path.write_text(json.dumps(plan | {key: value}), encoding="utf-8")
     with pytest.raises(cp.InvalidArgument, match=f"not a plan .{key} = "):
-        plans.read(path)
+        plans.read_plan(path)
 
 
 def test_a_table_of_something_else_is_not_lost(tmp_path):

@@ -19,12 +19,12 @@ from condyn_pin.cli.output import (
     check_picture,
     check_written,
     console,
-    leave,
+    exit_with_status,
     print_json,
+    print_text,
     progress_bar,
-    say,
+    text_table,
     until_stopped,
-    words,
 )
 
 if TYPE_CHECKING:
@@ -111,7 +111,7 @@ def stress(
         from lab.extremes.report import save_maps
 
         save_maps(found, plot, f"Pinocchio {VERSION_TEXT}; ")
-    leave(ok=not _defects(outcomes), stopped=stopped)
+    exit_with_status(ok=not _defects(outcomes), stopped=stopped)
 
 
 def _tasks(robots: list[str] | None, families: list[str], seeds: int, seconds: float) -> list[Task]:
@@ -142,13 +142,13 @@ def _print(outcomes: Sequence[Outcome], shown: Sequence[Map]) -> None:
 
     known = families()
     for each in shown:
-        say(f"{each.label}: {known[each.family].title}")
+        print_text(f"{each.label}: {known[each.family].title}")
         for method in each.methods:
-            say(f"    {each.advice(method)}")
+            print_text(f"    {each.advice(method)}")
     for defect in _defects(outcomes):
-        say(defect)
+        print_text(defect)
     said = ", ".join(f"{n} {name.replace('_', ' ')}" for name, n in counts(outcomes).items())
-    say(f"{len(outcomes)} cases on Pinocchio {VERSION_TEXT}: {said}")
+    print_text(f"{len(outcomes)} cases on Pinocchio {VERSION_TEXT}: {said}")
 
 
 def _facts(outcomes: Sequence[Outcome], found: Sequence[Map]) -> dict[str, Any]:
@@ -223,15 +223,15 @@ def problem(
     if as_json:
         print_json(result.to_dict() | {"machine": machine()})
     else:
-        say(str(result))
-    leave(ok=bool(result.met), stopped=result.trajectory.status.name == "INTERRUPTED")
+        print_text(str(result))
+    exit_with_status(ok=bool(result.met), stopped=result.trajectory.status.name == "INTERRUPTED")
 
 
 def _list_problems(as_json: bool) -> None:
     from lab.problems import PROBLEMS
 
     facts = {}
-    table = words("problem", "title", "sizes", "seconds", "the finest limit", "source")
+    table = text_table("problem", "title", "sizes", "seconds", "the finest limit", "source")
     for one in (kind() for kind in PROBLEMS.values()):
         sizes = {key: getattr(one, key) for key in one.sizes()}
         facts[one.name] = {
@@ -300,7 +300,7 @@ def drift(
         for table in _drift_tables(growths, (explicit, semi, rk4), found, steps, dt):
             print_whole(table, console)
         console.print(_MEANING)
-    leave(stopped=stopped)
+    exit_with_status(stopped=stopped)
 
 
 def _drift_facts(

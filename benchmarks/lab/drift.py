@@ -20,7 +20,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.show import COLOURS, axes, finished
+from condyn_pin._core.show import COLOURS, axes, labelled_axes
 from condyn_pin.constraints.drift import Baumgarte, Drift
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
@@ -258,7 +258,9 @@ def draw_growth(found: Mapping[str, Growth], ax: Any = None) -> Any:
         )  # fmt: skip
     ax.set(xscale="log", yscale="log")
     ax.margins(y=0.15)
-    return finished(ax, title="gap without stabilisation", x="t [s]", y="max abs(c) so far [m]")
+    return labelled_axes(
+        ax, title="gap without stabilisation", x="t [s]", y="max abs(c) so far [m]"
+    )
 
 
 def draw_stability(integrator: Integrator, ax: Any = None, *, points: int = 60) -> Any:
@@ -294,7 +296,7 @@ def draw_contest(found: Sequence[Contest], ax: Any = None) -> Any:
         ax.plot(gap, one.errors.late, "o", color=colour, ms=7, label=one.title)
     ax.set(xscale="log", yscale="log")
     title = "first (hollow) and last tenth of a run"
-    return finished(ax, title=title, x="max abs(c) [m]", y="max abs(E - E0) [J]")
+    return labelled_axes(ax, title=title, x="max abs(c) [m]", y="max abs(E - E0) [J]")
 
 
 def save_laboratory(

@@ -30,7 +30,7 @@ from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.errors import unknown_name
 from condyn_pin.io.load import load_robot
 from condyn_pin.mechanism.minimal_scene import answers, compare, time_trials, trial
-from condyn_pin.mechanism.reduction import keep, reduced
+from condyn_pin.mechanism.reduction import keep, reduced_scene
 from condyn_pin.mechanism.suggestions import merge_points, rods_as_distances, without_linkage
 from condyn_pin.model.smaller import free_flyers
 from condyn_pin.study.tables import Columns, Measurements, Record, markdown
@@ -153,7 +153,7 @@ def draw_hierarchy(table: HierarchyTable, ax: Any = None) -> Any:
 
     On `ax` or new axes, which are returned.
     """
-    from condyn_pin._core.show import METHODS, OTHER, axes, finished
+    from condyn_pin._core.show import METHODS, OTHER, axes, labelled_axes
 
     ax = axes(ax)
     rows = [row for row in table.rows if isfinite(row.speedup)]
@@ -176,7 +176,7 @@ def draw_hierarchy(table: HierarchyTable, ax: Any = None) -> Any:
         )  # fmt: skip
     ax.set(xlim=(0.0, end), yscale="log", ylim=(_FLOOR / 10, 10.0))
     error = "worst error of a, 0 drawn at 1e-6"
-    return finished(ax, title=table.name, x="times faster than the first model", y=error)
+    return labelled_axes(ax, title=table.name, x="times faster than the first model", y=error)
 
 
 def save_hierarchies(tables: Sequence[HierarchyTable], path: str | Path) -> None:
@@ -431,7 +431,7 @@ def _geared(scene: Scene) -> Scene:
             offset = q[q_tarsus] - ratio * q[q_knee]
             constraints[bound.name] = Coupling(*names, ratio, offset, name=bound.name)
     words = "linkages of knee and tarsus: the proportion that they have at the nominal state"
-    return reduced(scene, scene.robot, list(constraints.values()), q, (words,))
+    return reduced_scene(scene, scene.robot, list(constraints.values()), q, (words,))
 
 
 CASSIE = ModelHierarchy(

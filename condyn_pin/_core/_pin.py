@@ -242,7 +242,7 @@ def _lcaba_or_refuse() -> None:
         raise UnsupportedBackend(missing)
 
 
-def features() -> dict[str, str]:
+def pinocchio_features() -> dict[str, str]:
     """Version and optional features of the installed Pinocchio, for `condyn doctor`."""
     return {
         "pinocchio": f"{pin.__version__} from {Path(pin.__file__).parent}",

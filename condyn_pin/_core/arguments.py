@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, finite, shown
+from condyn_pin._core.arrays import Array, finite, text_of
 from condyn_pin._core.tolerances import FINEST
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 
@@ -203,7 +203,7 @@ def _unit_parts(model: Any) -> tuple[slice, ...]:
 _NAMES_SHOWN = 8
 
 
-def checked(argument: str, names: Any, known: Sequence[str], what: str) -> tuple[str, ...]:
+def checked_names(argument: str, names: Any, known: Sequence[str], what: str) -> tuple[str, ...]:
     """List of names, each of which exists and occurs once."""
     if isinstance(names, str) or not isinstance(names, Iterable):
         raise InvalidArgument(f"{argument} = {names!r}: a list of names is needed")
@@ -223,17 +223,17 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
-def few(names: Sequence[str]) -> str:
+def short_list(names: Sequence[str]) -> str:
     """Names of up to four joints, or the number of joints."""
     return ", ".join(names) if len(names) <= 4 else f"{len(names)} joints"
 
 
-def quoted(names: Iterable[str]) -> str:
+def quoted_names(names: Iterable[str]) -> str:
     """Names in quotes, for error messages."""
     return ", ".join(repr(name) for name in names)
 
 
-def counted(number: int, thing: str) -> str:
+def count_text(number: int, thing: str) -> str:
     """Number and noun of things: 1 loop, 2 loops."""
     return f"{number} {thing}{'s' * (number != 1)}"
 
@@ -258,14 +258,14 @@ _MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int
 def check_damping(mu: float) -> None:
     """Raise InvalidArgument unless a damping is usable."""
     if finite("mu", mu, ()) < 0:
-        raise InvalidArgument(f"mu = {shown(mu)}: a number >= 0 [1/kg] is needed")
+        raise InvalidArgument(f"mu = {text_of(mu)}: a number >= 0 [1/kg] is needed")
 
 
 def check_proximal(mu: float | str | None, max_iterations: int, *, smallest_mu: float) -> None:
     """Raise InvalidArgument unless a proximal weight and an iteration limit are usable."""
     if mu is not None and not finite("mu", mu, ()) >= smallest_mu:
         limit = ">= 0" if smallest_mu == 0 else f">= {smallest_mu:g}"
-        raise InvalidArgument(f"mu = {shown(mu)}: a finite number {limit} [1/kg] is needed")
+        raise InvalidArgument(f"mu = {text_of(mu)}: a finite number {limit} [1/kg] is needed")
     check_iterations(max_iterations)
 
 
@@ -273,7 +273,7 @@ def check_iterations(max_iterations: int) -> None:
     """Raise InvalidArgument unless an iteration limit is usable."""
     if not is_whole(max_iterations) or not 1 <= max_iterations <= _MOST_ITERATIONS:
         raise InvalidArgument(
-            f"max_iterations = {shown(max_iterations)}: a whole number from 1 to "
+            f"max_iterations = {text_of(max_iterations)}: a whole number from 1 to "
             f"{_MOST_ITERATIONS} is needed (with 0 Pinocchio returns a wrong answer and no warning)"
         )
 
@@ -282,7 +282,7 @@ def check_refinements(refinements: int) -> None:
     """Raise InvalidArgument unless a number of corrections is usable."""
     if not is_whole(refinements) or not 0 <= refinements <= _MOST_REFINEMENTS:
         raise InvalidArgument(
-            f"refinements = {shown(refinements)}: a whole number from 0 to {_MOST_REFINEMENTS}; "
+            f"refinements = {text_of(refinements)}: a whole number from 0 to {_MOST_REFINEMENTS}; "
             "two reach what doubles can"
         )
 
@@ -290,7 +290,7 @@ def check_refinements(refinements: int) -> None:
 def check_flag(name: str, value: object) -> None:
     """Raise InvalidArgument unless a value is True or False, of Python or of numpy."""
     if not isinstance(value, bool | np.bool_):
-        raise InvalidArgument(f"{name} = {shown(value)}: True or False is needed")
+        raise InvalidArgument(f"{name} = {text_of(value)}: True or False is needed")
 
 
 def is_whole(value: object) -> bool:
@@ -301,17 +301,17 @@ def is_whole(value: object) -> bool:
 def check_count(name: str, value: int, *, least: int = 1, most: int | None = None) -> None:
     """Raise InvalidArgument unless a value is a whole number within its bounds."""
     if most is not None and is_whole(value) and value > most:
-        raise InvalidArgument(f"{name} = {shown(value)}: {most} is the largest")
+        raise InvalidArgument(f"{name} = {text_of(value)}: {most} is the largest")
     if not is_whole(value) or value < least:
         raise InvalidArgument(
-            f"{name} = {shown(value)}: a whole number of at least {least} is needed"
+            f"{name} = {text_of(value)}: a whole number of at least {least} is needed"
         )
 
 
 def check_accuracy(name: str, value: float) -> None:
     """Raise InvalidArgument unless an accuracy is usable."""
     if finite(name, value, ()) < 0:
-        raise InvalidArgument(f"{name} = {shown(value)}: a number >= 0 is needed")
+        raise InvalidArgument(f"{name} = {text_of(value)}: a number >= 0 is needed")
 
 
 def check_accuracy_of_a(accuracy: float) -> float:
@@ -324,7 +324,7 @@ def check_accuracy_of_a(accuracy: float) -> float:
 def check_share(name: str, value: float) -> None:
     """Raise InvalidArgument unless a number is between 0 and 1, both excluded."""
     if not 0 < finite(name, value, ()) < 1:
-        raise InvalidArgument(f"{name} = {shown(value)}: between 0 and 1")
+        raise InvalidArgument(f"{name} = {text_of(value)}: between 0 and 1")
 
 
 def seconds(name: str, value: float) -> float:
@@ -357,7 +357,7 @@ def check_called(name: str, function: object, words: str) -> None:
         The arguments as one would write them: ``t, q, v``.
     """
     if not callable(function):
-        raise InvalidArgument(f"{name} = {shown(function)}: a function of ({words}) is needed")
+        raise InvalidArgument(f"{name} = {text_of(function)}: a function of ({words}) is needed")
     try:
         signature = inspect.signature(function)
     except (TypeError, ValueError):  # some functions of C do not tell

@@ -57,7 +57,7 @@ def diagonal_of(matrix: Array) -> Array:
     return matrix.ravel("K")[:: len(matrix) + 1]
 
 
-def locked(array: Array) -> Array:
+def read_only_view(array: Array) -> Array:
     """Read-only view of an array."""
     view = array.view()
     view.flags.writeable = False
@@ -84,10 +84,10 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
         if np.isfinite(plain).all():
             return plain  # without the questions below
     needed = f"an array of shape {wanted}" if wanted else "one finite number"
-    found = name if wanted else f"{name} = {shown(value)}"
+    found = name if wanted else f"{name} = {text_of(value)}"
     made = _MADE_BY.get(name.partition("(")[0]) if len(wanted) == 1 else None  # also tau(t, q, v)
     if made and isinstance(value, str | Mapping):
-        raise InvalidArgument(f"{name}: {needed} is needed, not {shown(value)}; {made}")
+        raise InvalidArgument(f"{name}: {needed} is needed, not {text_of(value)}; {made}")
     cure = f"; {made}" if made else ""
     try:
         array = np.asarray(value)
@@ -115,7 +115,7 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
     return array
 
 
-def shown(value: object) -> str:
+def text_of(value: object) -> str:
     """Text of a value for error messages, shortened."""
     try:
         text = repr(value)

@@ -85,7 +85,7 @@ def decided() -> str:
     return _set_to()
 
 
-def loaded() -> tuple[Any, ...]:
+def blas_controllers() -> tuple[Any, ...]:
     """Return threadpoolctl's controllers of the BLAS of numpy and of scipy."""
     # imported here: scipy.linalg takes as long to import as Pinocchio
     import scipy.linalg  # noqa: F401  brings a BLAS of its own
@@ -94,9 +94,11 @@ def loaded() -> tuple[Any, ...]:
     return tuple(ThreadpoolController().select(user_api="blas").lib_controllers)
 
 
-def features() -> dict[str, str]:
+def blas_features() -> dict[str, str]:
     """BLAS libraries that are loaded, and their threads, for `condyn doctor`."""
-    found = {f"{each.internal_api} {each.version} for {each.architecture}" for each in loaded()}
+    found = {
+        f"{each.internal_api} {each.version} for {each.architecture}" for each in blas_controllers()
+    }
     set_to = f"as you set it, {decided()}" if decided() else _BY_US
     return {"BLAS": ", ".join(sorted(found)), "BLAS threads": set_to}
 
@@ -110,7 +112,7 @@ def keep_to_one_thread() -> None:
 
 @cache
 def _libraries() -> tuple[tuple[_Get, _Set], ...]:
-    return tuple(_functions(library) for library in loaded())
+    return tuple(_functions(library) for library in blas_controllers())
 
 
 def _functions(library: Any) -> tuple[_Get, _Set]:

@@ -64,7 +64,7 @@ def _module(name: str, protocol: int, missing: str) -> Any:
     return module
 
 
-def features() -> dict[str, str]:
+def core_features() -> dict[str, str]:
     """Availability of the compiled core, ticks and recursions, for `condyn doctor`."""
     found = {}
     try:

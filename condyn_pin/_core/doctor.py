@@ -75,14 +75,14 @@ def _major(version: str | None) -> int:
     return int(version.split(".")[0]) if version else 0
 
 
-def _mend(pin: str | None) -> str:
+def _pinocchio_cure(pin: str | None) -> str:
     return MEND_3 if _major(pin) == 3 else MEND_4
 
 
 def mixed_install() -> tuple[tuple[str, ...], str]:
     """Conflicts among the installed distributions, and the remedy."""
     pin, lib = installed_version("pin"), installed_version("libpinocchio")
-    mend = _mend(pin)
+    mend = _pinocchio_cure(pin)
     if pin is None and installed_version("pinocchio"):
         return (
             "the distribution 'pinocchio' is a test plugin that shares the import name; "
@@ -109,7 +109,7 @@ def mixed_install() -> tuple[tuple[str, ...], str]:
 def advise(error: BaseException) -> str:
     """Return the sentence for an `import pinocchio` that failed with `error`."""
     findings, remedy = mixed_install()
-    remedy = remedy or _mend(installed_version("pin"))
+    remedy = remedy or _pinocchio_cure(installed_version("pin"))
     reason = "; ".join(findings) or f"{type(error).__name__}: {error}"
     return f"Pinocchio does not import ({reason}). This repairs it: {remedy}"
 
@@ -137,6 +137,6 @@ def diagnose() -> Diagnosis:
         lines = probe.stderr.strip().splitlines()
         last = lines[-1] if lines else f"the interpreter ended with {probe.returncode}"
         findings = (f"`import pinocchio` fails: {last}", *findings)
-        remedy = remedy or _mend(versions.get("pin"))
+        remedy = remedy or _pinocchio_cure(versions.get("pin"))
     machine = f"Python {platform.python_version()}, {platform.system()} {platform.machine()}"
     return Diagnosis(machine, versions, probe.returncode == 0, features, findings, remedy)

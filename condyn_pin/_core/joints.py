@@ -75,7 +75,7 @@ def unbounded(model: Any) -> tuple[int, ...]:
     return tuple(joint.idx_v + joint.nv - 1 for joint in chosen)
 
 
-def turning(model: Any) -> tuple[int, ...]:
+def joints_with_turning_axes(model: Any) -> tuple[int, ...]:
     """Joints whose axes turn with their own q: S(q) is not constant in the body's axes.
 
     Pinocchio's derivatives, and its Coriolis matrix, take S for one. S is looked at itself, at a

@@ -268,14 +268,16 @@ def redundant_rows(
     return tuple(names[i] for i in sorted(len(names) - 1 - np.array(order, dtype=np.int_)))
 
 
-def counted(S: NDArray[np.floating[Any]], share: float = tolerances.RANK) -> NDArray[np.bool_]:
+def above_tolerance(
+    S: NDArray[np.floating[Any]], share: float = tolerances.RANK
+) -> NDArray[np.bool_]:
     """Flag of each singular value: above a share of the largest, by default rounding."""
     return np.asarray(share * S.max(initial=0.0) < S)
 
 
 def rank_of(S: NDArray[np.floating[Any]], share: float = tolerances.RANK) -> int:
     """Numerical rank: number of singular values above a share of the largest."""
-    return int(np.count_nonzero(counted(S, share)))
+    return int(np.count_nonzero(above_tolerance(S, share)))
 
 
 def null_space(A: Array) -> Array:

@@ -160,7 +160,7 @@ def run(
     chunks = chunks_of(count, chunk, verb.most)
 
     def found() -> SomeBatch:
-        return batch(_sealed(outputs | {"words": words}, done))
+        return batch(_read_only_outputs(outputs | {"words": words}, done))
 
     try:
         with closing(_transport(kernel, recipe, inputs, outputs, executor, chunks)) as transport:
@@ -239,7 +239,7 @@ def _transport(
     return PickleTransport(kernel, made, inputs, outputs)
 
 
-def _sealed(outputs: Arrays, done: NDArray[np.bool_]) -> Arrays:
+def _read_only_outputs(outputs: Arrays, done: NDArray[np.bool_]) -> Arrays:
     """Outputs made read-only, with NaN in missing rows."""
     some_missing = not done.all()
     outputs["statuses"][~done] = MISSING

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from condyn_pin._core.arrays import Array, shown
+from condyn_pin._core.arrays import Array, text_of
 from condyn_pin._core.files import atomic_write
 from condyn_pin.errors import InvalidArgument, MissingExtra
 
@@ -84,7 +84,7 @@ def grid(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     return f'<table style="{_TABLE}"><thead>{head}</thead><tbody>{"".join(lines)}</tbody></table>'
 
 
-def folded(title: str, content: str, *, count: int = _FOLD + 1) -> str:
+def folded_html(title: str, content: str, *, count: int = _FOLD + 1) -> str:
     """HTML of content below a line that unfolds it; a few rows are shown at once."""
     if not content:
         return ""
@@ -192,7 +192,7 @@ def axes(ax: Any) -> Any:
 
         if not isinstance(ax, Axes):
             raise InvalidArgument(
-                f"ax = {shown(ax)}: axes of matplotlib are needed, one of figure.subplots(); "
+                f"ax = {text_of(ax)}: axes of matplotlib are needed, one of figure.subplots(); "
                 "without any a new figure is made"
             )
         return ax
@@ -270,7 +270,7 @@ def line(i: int) -> dict[str, Any]:
     return {"color": COLOURS[i % len(COLOURS)], "ls": dashes, "lw": 1.3}
 
 
-def finished(ax: Any, *, title: str, x: str, y: str) -> Any:
+def labelled_axes(ax: Any, *, title: str, x: str, y: str) -> Any:
     """Return axes with their words, a pale grid, and a legend if anything has a label.
 
     Of axes above one another that share x, the first has the title, the last the words of x, and

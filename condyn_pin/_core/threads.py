@@ -34,7 +34,7 @@ class OneThread:
             raise in_use()
 
 
-def alone(method: Callable[Concatenate[Self, P], R]) -> Callable[Concatenate[Self, P], R]:
+def single_threaded(method: Callable[Concatenate[Self, P], R]) -> Callable[Concatenate[Self, P], R]:
     """Decorate a method to raise `SharedWorkspace` while another thread is using the object."""
 
     @wraps(method)
@@ -60,7 +60,7 @@ def in_use(what: str = "another thread is at work in this Workspace") -> SharedW
 
 
 def of_workspace(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Any, P], R]:
-    """Decorate a method to use the object's `_workspace` alone, as `alone` does."""
+    """Decorate a method to use the object's `_workspace` alone, as `single_threaded` does."""
 
     @wraps(method)
     def guarded(self: Any, /, *args: P.args, **options: P.kwargs) -> R:

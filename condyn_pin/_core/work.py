@@ -330,13 +330,13 @@ class Processes(Executor):
         self._pool = self._new()
 
     def _new(self) -> ProcessPoolExecutor:
-        return ProcessPoolExecutor(self.workers, self._context, _begin, (self._began,))
+        return ProcessPoolExecutor(self.workers, self._context, _initialise_worker, (self._began,))
 
     def __repr__(self) -> str:
         return f"Processes({self.workers}, start_method={self.start_method!r})"
 
 
-def _begin(began: Any) -> None:
+def _initialise_worker(began: Any) -> None:
     """Initialise a worker: ignore Ctrl-C, which the parent handles; exit when the parent dies."""
     began.value = 1
     signal.signal(signal.SIGINT, signal.SIG_IGN)
@@ -596,14 +596,14 @@ def _in_memory(
     kernel: Kernel, recipe: WorkspaceFactory, address: Address, names: tuple[str, ...], rows: slice
 ) -> tuple[slice, Messages]:
     """Rows done by a process that shares memory with its parent; `names` are the inputs."""
-    arrays = _opened(address)
+    arrays = _shared_arrays_at(address)
     inputs = {name: arrays[name] for name in names}
     outputs = {name: arrays[name] for name in arrays.keys() - inputs.keys()}
     return rows, _fill(kernel, recipe.workspace(), inputs, outputs, rows)
 
 
 @lru_cache(maxsize=1)
-def _opened(address: Address) -> Arrays:
+def _shared_arrays_at(address: Address) -> Arrays:
     """Shared arrays of a batch, kept open from one chunk to the next."""
     return address.open()
 

@@ -106,20 +106,20 @@ def run(app: typer.Typer, words: list[str], program: str) -> NoReturn:
             known = getattr(typer.main.get_command(app), "commands", {})
             named = [word for word in words[:1] if word in known]
             command = " ".join([program, *named, "--help"])
-            _end(f"{say().rstrip('.')}; `{command}` says what there is", _CANNOT, name)
+            _exit_with_error(f"{say().rstrip('.')}; `{command}` says what there is", _CANNOT, name)
         if "--debug" in sys.argv:
             warn(traceback.format_exc())
             sys.exit(1)
         if isinstance(error, (CondynError, OSError)):  # the second: a disk that is full
-            _end(str(error), _CANNOT, name)
-        _end(
+            _exit_with_error(str(error), _CANNOT, name)
+        _exit_with_error(
             f"{type(error).__name__}: {error}; this is a bug: the same line with "
             "--debug shows where",
             _UNEXPECTED,
             name,
         )
     if code == INTERRUPTED:
-        _end("interrupted", INTERRUPTED, name)
+        _exit_with_error("interrupted", INTERRUPTED, name)
     sys.exit(code or 0)
 
 
@@ -143,10 +143,10 @@ def _of_today(words: list[str]) -> list[str]:
 def _end_in_checkout(words: list[str]) -> NoReturn:
     """Exit 2 with the line that runs a command of the laboratory from a checkout."""
     line = " ".join(["python benchmarks/lab", *words])
-    _end(f"this measures the library and lives in a checkout: `{line}`", _CANNOT)
+    _exit_with_error(f"this measures the library and lives in a checkout: `{line}`", _CANNOT)
 
 
-def _end(text: str, code: int, name: str = "condyn") -> NoReturn:
+def _exit_with_error(text: str, code: int, name: str = "condyn") -> NoReturn:
     """Leave with one line on stderr."""
     warn(f"{name}: {' '.join(text.split())}")
     try:

@@ -60,19 +60,19 @@ class _Screen(Console):
                 yield Segment(printable(segment.text), segment.style)
 
 
-def _wide(*, stderr: bool = False) -> Console:
+def _wide_console(*, stderr: bool = False) -> Console:
     """Console as wide as the terminal, or as paper in a file, for folded tables."""
     screen = _Screen(markup=False, stderr=stderr)
     return screen if screen.is_terminal else _Screen(width=_PAPER, markup=False, stderr=stderr)
 
 
-console, _beside = _wide(), _wide(stderr=True)
+console, _beside = _wide_console(), _wide_console(stderr=True)
 
 _REDRAW: Final = 0.2  # [s]
 STDOUT: Final = Path("-")
 
 
-def say(text: str) -> None:
+def print_text(text: str) -> None:
     """Print a text without wrapping its lines."""
     console.print(with_options(text), soft_wrap=True)
 
@@ -82,7 +82,7 @@ def warn(text: str) -> None:
     typer.echo(printable(with_options(text)), err=True)
 
 
-def words(*headings: str | Column) -> Table:
+def text_table(*headings: str | Column) -> Table:
     """Return an empty table of text, whose columns wrap instead of cutting."""
     table = Table(*headings)
     for column in table.columns:
@@ -129,8 +129,8 @@ def write_table(table: Any, *, csv: Path | None = None, as_json: Path | None = N
 
 
 def write_json(answer: Any, path: Path) -> None:
-    """Write an answer as json to a file, or to stdout if its name is ``-``; see `plain`."""
-    text = json.dumps(plain(answer), indent=1)
+    """Write an answer as json to a file, or to stdout if its name is ``-``; see `json_value`."""
+    text = json.dumps(json_value(answer), indent=1)
     if path == STDOUT:
         typer.echo(text)
     else:
@@ -142,18 +142,18 @@ def print_json(answer: Any) -> None:
     write_json(answer, STDOUT)
 
 
-def plain(value: Any) -> Any:
+def json_value(value: Any) -> Any:
     """Return a value as json types: None if it is not finite, a mapping for a dataclass."""
     if hasattr(value, "tolist"):  # arrays and numbers of numpy
-        return plain(value.tolist())
+        return json_value(value.tolist())
     if isinstance(value, Mapping):
-        return {str(key): plain(entry) for key, entry in value.items()}
+        return {str(key): json_value(entry) for key, entry in value.items()}
     if hasattr(value, "_asdict"):  # tuples with names
-        return plain(value._asdict())
+        return json_value(value._asdict())
     if is_dataclass(value) and not isinstance(value, type):
-        return {field.name: plain(getattr(value, field.name)) for field in fields(value)}
+        return {field.name: json_value(getattr(value, field.name)) for field in fields(value)}
     if isinstance(value, (list, tuple)):
-        return [plain(entry) for entry in value]
+        return [json_value(entry) for entry in value]
     if isinstance(value, float):
         return value if -float("inf") < value < float("inf") else None
     return value if isinstance(value, (bool, int, str, type(None))) else str(value)
@@ -193,7 +193,7 @@ def until_stopped(run: Callable[[Report], _Found]) -> tuple[_Found, bool]:
         return stop.table, True
 
 
-def leave(*, ok: bool = True, stopped: bool = False) -> None:
+def exit_with_status(*, ok: bool = True, stopped: bool = False) -> None:
     """Exit with the code of the answer: ok, not ok, or stopped by Ctrl-C."""
     if stopped or not ok:
         raise typer.Exit(INTERRUPTED if stopped else 1)

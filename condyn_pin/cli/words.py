@@ -17,7 +17,7 @@ from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.constraints.kinds import worded
+from condyn_pin.constraints.kinds import kinds_by_word
 from condyn_pin.contact.cones import Cone, FrictionCone, WrenchCone
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.controller import Controller
@@ -108,7 +108,7 @@ def _contact(robot: Robot, text: str) -> Constraint:
     if text in ready:
         return ready[text]
     frame, _, kind = text.rpartition(":")
-    known: dict[str, Any] = dict(worded(closes=False))
+    known: dict[str, Any] = dict(kinds_by_word(closes=False))
     if frame and kind in known:
         contact: Constraint = known[kind](frame=frame)
         return contact
@@ -116,7 +116,7 @@ def _contact(robot: Robot, text: str) -> Constraint:
     raise unknown_name(f"ready-made contact (or {wanted})", text, ready)
 
 
-def _named(kind: str, name: str, registry: Mapping[str, _Kind]) -> _Kind:
+def _registry_entry(kind: str, name: str, registry: Mapping[str, _Kind]) -> _Kind:
     """Entry of a registry by name; an error lists the nearest names."""
     if name.lower() not in registry:
         raise unknown_name(kind, name, registry)
@@ -125,7 +125,7 @@ def _named(kind: str, name: str, registry: Mapping[str, _Kind]) -> _Kind:
 
 def solver_of(name: str, parameters: Mapping[str, Any] | None = None) -> Solver:
     """Return the solver of a name, with the parameters that are not None."""
-    chosen = _named("solver", name, SOLVERS)
+    chosen = _registry_entry("solver", name, SOLVERS)
     given = {key: value for key, value in (parameters or {}).items() if value is not None}
     known = {parameter.name for parameter in parameter_fields(chosen)}
     for key in given.keys() - known:
@@ -149,13 +149,17 @@ def solvers_of(names: str) -> tuple[Solver, ...]:
 
 def integrator_of(text: str | None) -> Integrator | None:
     """Return the integrator of a name, or of a call: ``Moreau(contact=ADMM(tolerance=1e-6))``."""
-    return None if text is None else cast(Integrator, _called("integrator", text, INTEGRATORS))
+    return (
+        None
+        if text is None
+        else cast(Integrator, _registry_instance("integrator", text, INTEGRATORS))
+    )
 
 
-def _called(kind: str, text: str, registry: Mapping[str, type]) -> object:
+def _registry_instance(kind: str, text: str, registry: Mapping[str, type]) -> object:
     """Instance of a registry's class, from its name or a call with parameters."""
     name = text.partition("(")[0].strip()
-    made = _named(kind, name, registry)
+    made = _registry_entry(kind, name, registry)
     try:
         return made(**read_call(text).parameters_made(SCHEMES))
     except KeyError as error:
@@ -201,7 +205,7 @@ def _number(option: str, text: str) -> float:
 
 def drift_of(name: str | None, gain: float | None) -> Drift | None:
     """Return the drift scheme of a name; `gain` is alpha and beta of Baumgarte's [1/s]."""
-    kind = None if name is None else _named("drift scheme", name, DRIFTS)
+    kind = None if name is None else _registry_entry("drift scheme", name, DRIFTS)
     if kind is Baumgarte:
         gain = _GAIN if gain is None else gain
         return Baumgarte(gain, gain)
@@ -216,7 +220,7 @@ def swept_solvers_of(names: str, measure: Measure) -> tuple[Method, ...] | None:
         chosen: Sequence[Method] = solvers_of(names)
     else:
         kind = f"solver of {measure.name}"
-        chosen = [_named(kind, name, measure.methods)() for name in names_in(names)]
+        chosen = [_registry_entry(kind, name, measure.methods)() for name in names_in(names)]
     return tuple(one for method in chosen for one in sweep(method)) or None
 
 
@@ -303,7 +307,10 @@ def stand_and_lift(
     passive = scene.robot.passive_torque(q, v)
     names, frames = _lifted(scene, lift)
     cones = {each.name: _cone(each, friction) for each in pressing(scene)}
-    wanted, program = _tasks(scene, q, com), _named("solver of quadratic programs", qp, QPS)()
+    wanted, program = (
+        _tasks(scene, q, com),
+        _registry_entry("solver of quadratic programs", qp, QPS)(),
+    )
     first = Controller(scene, _tasks(scene, q, None) if lift else wanted, cones=cones, qp=program)
     before = first.solve(q, v, passive=passive)
     if not lift:

@@ -66,10 +66,10 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import register
-from condyn_pin._core.arrays import Array, finite, shown
+from condyn_pin._core.arrays import Array, finite, text_of
 from condyn_pin._core.joints import rotation_fault, z_along
 from condyn_pin.constraints.drift import Baumgarte
-from condyn_pin.constraints.places import FrameLike, place_of, set_frames, short
+from condyn_pin.constraints.places import FrameLike, place_of, set_frames, short_frames
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -113,7 +113,7 @@ class Constraint(ABC):
     def _set_name(self, default: str) -> None:
         if not isinstance(self.name, str):
             raise InvalidArgument(f"name = {self.name!r}: a text is needed")
-        object.__setattr__(self, "name", self.name or short(default))
+        object.__setattr__(self, "name", self.name or short_frames(default))
         if self.axes is not None:
             set_frames(self, "axes")
         if not isinstance(self.drift, Baumgarte | None):
@@ -390,7 +390,7 @@ def floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
         array = finite(argument, value, size)
     except InvalidArgument as error:
         raise InvalidArgument(
-            f"{argument} = {shown(value)}: {size} finite numbers are needed"
+            f"{argument} = {text_of(value)}: {size} finite numbers are needed"
         ) from error
     check_size(argument, *array)
     return tuple(float(x) for x in array)
@@ -400,7 +400,7 @@ def not_negative(argument: str, value: Any) -> float:
     """Number that is not negative, or InvalidArgument."""
     number = float(finite(argument, value, ()))
     if number < 0:
-        raise InvalidArgument(f"{argument} = {shown(value)}: a number >= 0 is needed")
+        raise InvalidArgument(f"{argument} = {text_of(value)}: a number >= 0 is needed")
     check_size(argument, number)
     return number
 
@@ -433,7 +433,7 @@ def unit(vector: Sequence[float], fault: str) -> tuple[float, ...]:
 def text(argument: str, value: Any, what: str) -> str:
     """Name as a text that is not empty, or InvalidArgument."""
     if not isinstance(value, str) or not value:
-        raise InvalidArgument(f"{argument} = {shown(value)}: the name of a {what} is needed")
+        raise InvalidArgument(f"{argument} = {text_of(value)}: the name of a {what} is needed")
     return value
 
 
@@ -446,7 +446,7 @@ def check_positive(kind: str = "number", /, **values: float) -> None:
         except OverflowError:  # a whole number beyond a double
             size = math.inf
         if not 0.0 < size < math.inf:
-            raise InvalidArgument(f"{name} = {shown(value)}: a positive {kind} is needed")
+            raise InvalidArgument(f"{name} = {text_of(value)}: a positive {kind} is needed")
         check_size(name, size)
 
 
@@ -459,7 +459,9 @@ def check_lengths(**lengths: float | None) -> None:
 def check_axis(axis: Any) -> None:
     """Raise InvalidArgument unless a value is the name of an axis."""
     if axis not in get_args(Axis):
-        raise InvalidArgument(f"axis = {shown(axis)}: one of {', '.join(get_args(Axis))} is needed")
+        raise InvalidArgument(
+            f"axis = {text_of(axis)}: one of {', '.join(get_args(Axis))} is needed"
+        )
 
 
 def placement(argument: str, value: object) -> Placement | None:
@@ -550,6 +552,6 @@ def plane(normal: Sequence[float] | Array, height: float | None) -> Any:
     return pin.SE3(z_along(up), (height or 0.0) * up)
 
 
-def shifted(placement: Any, offset: Vector3) -> Any:
+def shifted_placement(placement: Any, offset: Vector3) -> Any:
     """Placement shifted in its own axes."""
     return placement * pin.SE3(np.eye(3), np.array(offset))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.polynomial import Polynomial
 
 from condyn_pin._core.arguments import listed
-from condyn_pin._core.arrays import finite, shown
+from condyn_pin._core.arrays import finite, text_of
 from condyn_pin.constraints.constraint import (
     Constraint,
     Machine,
@@ -199,12 +199,14 @@ def _weights(given: Any) -> tuple[tuple[str, float], ...]:
         isinstance(pair, Sequence) and len(pair) == 2 for pair in pairs
     ):
         raise InvalidArgument(
-            f"joint_a = {shown(given)}: the name of a joint, or a weight by joint, is needed"
+            f"joint_a = {text_of(given)}: the name of a joint, or a weight by joint, is needed"
         )
     names = [text("joint_a", name, "joint") for name, _ in pairs]
     weights = floats("joint_a", [weight for _, weight in pairs], len(pairs))
     if len(set(names)) != len(names) or len(names) < 2:
-        raise InvalidArgument(f"joint_a = {shown(given)}: two different joints are needed or more")
+        raise InvalidArgument(
+            f"joint_a = {text_of(given)}: two different joints are needed or more"
+        )
     for name, weight in zip(names, weights, strict=True):
         if weight == 0.0:
             raise InvalidArgument(f"joint_a: the weight of {name!r} is 0; leave it out")

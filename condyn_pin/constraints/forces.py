@@ -20,10 +20,10 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.joints import turning
+from condyn_pin._core.joints import joints_with_turning_axes
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.constraint import Machine, check_size
-from condyn_pin.constraints.places import set_frames, short
+from condyn_pin.constraints.places import set_frames, short_frames
 from condyn_pin.errors import InvalidArgument
 
 Axes = Literal["world", "body"]
@@ -106,7 +106,7 @@ class AppliedForce:
 
     @property
     def _what(self) -> str:
-        return f"force on {short(self.frame)!r}"
+        return f"force on {short_frames(self.frame)!r}"
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, AppliedForce):
@@ -238,7 +238,7 @@ class Loads:
     @cached_property
     def turning(self) -> frozenset[int]:
         """Joints whose axes turn with their own q."""
-        return frozenset(turning(self.model))
+        return frozenset(joints_with_turning_axes(self.model))
 
     def place(self, name: str) -> ForceSite:
         """Return the joint and the placement of a frame on a moving body."""

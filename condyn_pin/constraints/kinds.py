@@ -28,7 +28,7 @@ from condyn_pin.constraints.driven import Driven as Driven
 # ruff: isort: on
 
 
-def named(name: str) -> type[Constraint] | None:
+def kind_named(name: str) -> type[Constraint] | None:
     """Kind of constraint with a name, or None."""
     return KINDS.get(name)
 
@@ -38,7 +38,7 @@ def of_loops() -> tuple[type[Constraint], ...]:
     return tuple(kind for kind in KINDS.values() if kind.closes)
 
 
-def worded(*, closes: bool) -> dict[str, type[Constraint]]:
+def kinds_by_word(*, closes: bool) -> dict[str, type[Constraint]]:
     """Kinds of loops, or of contacts, by their word in robot.toml."""
     own = [kind for kind in KINDS.values() if vars(kind).get("word")]
     return {kind.word: kind for kind in own if kind.closes == closes}

@@ -6,7 +6,14 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.constraint import Axis, Machine, Vector3, check_axis, floats, shifted
+from condyn_pin.constraints.constraint import (
+    Axis,
+    Machine,
+    Vector3,
+    check_axis,
+    floats,
+    shifted_placement,
+)
 from condyn_pin.constraints.on_velocity import Nonholonomic
 from condyn_pin.constraints.places import set_frames
 from condyn_pin.constraints.rows.bound import Bound
@@ -56,5 +63,5 @@ class KnifeEdge(Nonholonomic):
         """Return the constraint with c1 at the point, in the axes of the frame."""
         joint, placement = machine.frame(self.frame)
         chosen = ("xyz".index(self.axis),)
-        point, world = shifted(placement, self.offset), pin.SE3.Identity()
+        point, world = shifted_placement(placement, self.offset), pin.SE3.Identity()
         return Bound(self.name, rows, joint, point, 0, world, chosen, anchored=False)

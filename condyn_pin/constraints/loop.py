@@ -24,7 +24,7 @@ from typing import Any, ClassVar, Final, Literal, get_args
 
 import numpy as np
 
-from condyn_pin._core.arrays import shown
+from condyn_pin._core.arrays import text_of
 from condyn_pin.constraints.constraint import (
     Axis,
     BetweenFrames,
@@ -137,8 +137,8 @@ class Loop(BetweenFrames):
             check_axis(self.axis)
         elif self.axis is not None:
             raise InvalidArgument(
-                f"axis = {shown(self.axis)} for a {self.kind}, which has no axis: leave it out, or "
-                f"name the kind that has one, {', '.join(_AXES)}"
+                f"axis = {text_of(self.axis)} for a {self.kind}, which has no axis: leave it out, "
+                f"or name the kind that has one, {', '.join(_AXES)}"
             )
 
     @property

@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import counted, register
-from condyn_pin._core.arrays import Array, finite, shown
+from condyn_pin._core.arguments import count_text, register
+from condyn_pin._core.arrays import Array, finite, text_of
 from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.errors import InvalidArgument
 
@@ -49,7 +49,7 @@ class Path(ABC):
         longest = max(np.size(value) for value in vars(self).values())
         for name, value in tuple(vars(self).items()):
             if np.size(value) not in (1, longest):
-                raise InvalidArgument(f"{name} = {shown(value)}: {longest} numbers are needed")
+                raise InvalidArgument(f"{name} = {text_of(value)}: {longest} numbers are needed")
             found = finite(name, np.atleast_1d(value), np.size(value))
             object.__setattr__(self, name, tuple(np.broadcast_to(found, longest).tolist()))
 
@@ -111,8 +111,8 @@ class Polynomial(Path):
         found = np.atleast_2d(np.array(self.coefficients, dtype=float))
         if found.ndim != 2 or not found.size or not np.isfinite(found).all():
             raise InvalidArgument(
-                f"coefficients = {shown(self.coefficients)}: finite numbers are needed, those of a "
-                "row beside one another"
+                f"coefficients = {text_of(self.coefficients)}: finite numbers are needed, those "
+                "of a row beside one another"
             )
         object.__setattr__(self, "coefficients", tuple(map(tuple, found.tolist())))
 
@@ -254,11 +254,11 @@ def along_at(along: Along, t: float, rows: int, name: str) -> Array:
         found = np.zeros(0)
     if found.shape != (3, rows):
         raise InvalidArgument(
-            f"{name}: along({t:g}) = {shown(value)}: three arrays are needed, s, its rate and the "
-            f"rate of that, {counted(rows, 'number')} each"
+            f"{name}: along({t:g}) = {text_of(value)}: three arrays are needed, s, its rate and "
+            f"the rate of that, {count_text(rows, 'number')} each"
         )
     if not np.isfinite(found).all():
-        raise InvalidArgument(f"{name}: along({t:g}) = {shown(value)} is not finite")
+        raise InvalidArgument(f"{name}: along({t:g}) = {text_of(value)} is not finite")
     return found
 
 
@@ -269,8 +269,8 @@ def check_along(along: Along, rows: int, name: str, at: Sequence[float] = (0.0,)
     """
     if not callable(along):
         raise InvalidArgument(
-            f"along = {shown(along)}: a Path is needed, or a function of t that returns s and its "
-            "first two derivatives"
+            f"along = {text_of(along)}: a Path is needed, or a function of t that returns s and "
+            "its first two derivatives"
         )
     for t in at:
         faults = [_fault(along, rows, name, t + k * _NEAR) for k in (0, 4)]
@@ -289,7 +289,7 @@ def _fault(along: Along, rows: int, name: str, t: float) -> str:
         least = 1e-12 * size[i] / _NEAR + 1e-6 * size[i + 1] + _NEAR * size[2]
         if (np.abs(rate - here[i + 1]) > _OFF * np.abs(rate) + least).any():
             return (
-                f"{what}: {shown(here[i + 1])} at t = {t + _NEAR:g} s, where differences have "
-                f"{shown(rate)}"
+                f"{what}: {text_of(here[i + 1])} at t = {t + _NEAR:g} s, where differences have "
+                f"{text_of(rate)}"
             )
     return ""

@@ -26,7 +26,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import shown
+from condyn_pin._core.arrays import text_of
 from condyn_pin._core.joints import rotation_fault
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName, unknown_name
 
@@ -65,7 +65,7 @@ def frame_text(argument: str, value: Any) -> str:
     if pair and isinstance(value[1], pin.SE3):
         return _text(argument, _joint(argument, value[0]), value[1])
     raise InvalidArgument(
-        f"{argument} = {shown(value)}: the name of a frame is needed, or (joint, pin.SE3), or a "
+        f"{argument} = {text_of(value)}: the name of a frame is needed, or (joint, pin.SE3), or a "
         "pin.Frame"
     )
 
@@ -85,7 +85,7 @@ def _joint(argument: str, joint: Any) -> str:
     except TypeError:
         number = -1
     if not 0 <= number < 10**9:
-        raise InvalidArgument(f"{argument}: joint {shown(joint)}: its name or number is needed")
+        raise InvalidArgument(f"{argument}: joint {text_of(joint)}: its name or number is needed")
     return f"#{number}" if number else "world"
 
 
@@ -111,7 +111,8 @@ def place_of(text: str) -> Place | None:
         return None
     if found[1].count(" + [") > _DEEPEST:
         raise InvalidArgument(
-            f"frame = {shown(text)}: a place on a place on a place; name one with Robot.with_frame"
+            f"frame = {text_of(text)}: a place on a place on a place; name one with "
+            "Robot.with_frame"
         )
     try:
         numbers = [float(number) for number in found[2].split()]
@@ -134,7 +135,7 @@ def number_of(base: str) -> int | None:
     return int(base[1:]) if re.fullmatch(_NUMBER, base) else None
 
 
-def short(text: str) -> str:
+def short_frames(text: str) -> str:
     """Text of frames for names: four digits of each number, and a pin.Frame by its name."""
     text = re.sub(rf" \({_NUMBER} \+ {_NUMBERS}\)", "", text)
     return re.sub(rf"(?<= \+ ){_NUMBERS}", _four_digits, text)
@@ -162,7 +163,7 @@ def by_name(machine: Any, text: str) -> str:
     return _NUMBERED.sub(lambda _: str(machine.model.names[joint]), text, count=1)
 
 
-def settled(value: Value, machine: Any) -> Value:
+def with_joint_names(value: Value, machine: Any) -> Value:
     """Constraint, contact or spring of a machine whose frames name joints, and do not number them.
 
     A name that it has from its frames follows them.
@@ -178,9 +179,9 @@ def settled(value: Value, machine: Any) -> Value:
             if new != old:
                 changed[field] = new
                 if not _LABELLED.fullmatch(old):
-                    name = name.replace(short(old), short(new))
+                    name = name.replace(short_frames(old), short_frames(new))
         elif hasattr(old, "frames"):  # the constraint that is driven
-            inner = settled(old, machine)
+            inner = with_joint_names(old, machine)
             if inner is not old:
                 changed[field] = inner
                 name = inner.name if name == old.name else name
@@ -209,7 +210,7 @@ def find_frame(robot: Any, frame: FrameLike) -> tuple[int, Any]:
     if not found and name in robot.joints:  # a model that was built has joints, and no frames
         return int(robot.model.getJointId(name)), pin.SE3.Identity()
     if not found:
-        if (placed := _placed(robot, name)) is None:
+        if (placed := _place_on_joint(robot, name)) is None:
             raise unknown_name("frame", name, robot.frames)
         return placed
     first = found[0]
@@ -223,7 +224,7 @@ def find_frame(robot: Any, frame: FrameLike) -> tuple[int, Any]:
     return int(first.parentJoint), pin.SE3(first.placement)
 
 
-def _placed(robot: Any, text: str) -> tuple[int, Any] | None:
+def _place_on_joint(robot: Any, text: str) -> tuple[int, Any] | None:
     """Joint of a place, and the placement on it; None for a plain name."""
     place = place_of(text)
     if place is None:
@@ -235,7 +236,7 @@ def _placed(robot: Any, text: str) -> tuple[int, Any] | None:
 def _check_text(robot: Any, frame: Any) -> None:
     """Raise InvalidModel for a frame with the text of a place that is elsewhere."""
     try:
-        placed = _placed(robot, frame.name)
+        placed = _place_on_joint(robot, frame.name)
     except (InvalidArgument, UnknownName):  # of a place that nobody can mean
         return
     if placed and not (placed[0] == frame.parentJoint and placed[1].isApprox(frame.placement)):

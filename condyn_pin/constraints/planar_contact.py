@@ -22,7 +22,7 @@ from condyn_pin.constraints.constraint import (
     direction,
     floats,
     plane,
-    shifted,
+    shifted_placement,
 )
 from condyn_pin.constraints.places import set_frames
 from condyn_pin.constraints.rows.bound import Bound
@@ -83,7 +83,7 @@ class PlanarContact(WithWorld):
         joint, placement = machine.frame(self.frame)
         return Bound(
             self.name, rows, 0, plane(self.normal, self.height),
-            joint, shifted(placement, self.offset), (2,),
+            joint, shifted_placement(placement, self.offset), (2,),
             anchored=self.height is not None, sign=-1.0,
         )  # fmt: skip
 

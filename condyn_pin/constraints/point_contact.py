@@ -20,7 +20,7 @@ from condyn_pin.constraints.constraint import (
     WithWorld,
     floats,
     lever,
-    shifted,
+    shifted_placement,
 )
 from condyn_pin.constraints.places import set_frames
 from condyn_pin.constraints.rows.bound import POINT, Bound
@@ -77,7 +77,7 @@ class PointContact(WithWorld):
         if self.anchor:
             place = pin.XYZQUATToSE3(np.array((*self.anchor, 0.0, 0.0, 0.0, 1.0)))
         return Bound(
-            self.name, rows, joint, shifted(placement, self.offset), 0, place, POINT,
+            self.name, rows, joint, shifted_placement(placement, self.offset), 0, place, POINT,
             anchored=self.anchor is not None, lever=lever(machine, placement),
         )  # fmt: skip
 

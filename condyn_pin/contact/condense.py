@@ -95,7 +95,7 @@ class Condensed(NamedTuple):
 
     def with_contacts(self, J_c: Array) -> Condensed:
         """Return this step with other rows of contacts (m, nv)."""
-        X, blocked = _along(self.factors, J_c, self.path)
+        X, blocked = _unblocked_rows(self.factors, J_c, self.path)
         return self._replace(X=X, blocked=blocked)
 
     def velocity(self, lam: Array) -> Array:
@@ -138,21 +138,21 @@ def condense(
     """
     V, rank = factors.V, factors.rank
     w = v.dot(factors.L) + dtrtrs(factors.L.T, p, trans=1)[0]
-    path = None if rates is None or not rank else _held(factors, rates)
-    X, blocked = _along(factors, J_c, path)
+    path = None if rates is None or not rank else _constraint_part(factors, rates)
+    X, blocked = _unblocked_rows(factors, J_c, path)
     if not rank:
         return Condensed(factors, X, blocked, _NOTHING, _NOTHING, w)
-    momentum, held = V.T.dot(w), _held(factors, s)
+    momentum, held = V.T.dot(w), _constraint_part(factors, s)
     return Condensed(factors, X, blocked, held, momentum, w + V.dot(held - momentum), path)
 
 
-def _held(factors: MinimumNorm, s: Array) -> Array:
+def _constraint_part(factors: MinimumNorm, s: Array) -> Array:
     """Return S^-1 U^T s."""
     rank = factors.rank
     return np.asarray(s.dot(factors.U[:, :rank]) / factors.S[:rank])
 
 
-def _along(factors: MinimumNorm, J_c: Array, path: Array | None) -> tuple[Array, Array]:
+def _unblocked_rows(factors: MinimumNorm, J_c: Array, path: Array | None) -> tuple[Array, Array]:
     """Return X, rows of contacts without what the constraints block, and what they block."""
     X = dtrtrs(factors.L.T, J_c.T, trans=1)[0]
     if not factors.rank:

@@ -152,7 +152,7 @@ class Cone(ABC):
 
         f is the force [N], followed by the moment [N m] for a `WrenchCone`; each row counts in [N].
         """
-        return _made(self)[0]
+        return _rows_and_faults(self)[0]
 
     @property
     def flat_rows(self) -> list[int]:
@@ -160,7 +160,7 @@ class Cone(ABC):
 
         Without friction those of tangential forces and of the torque about the normal.
         """
-        _, (_, slips, _, twists) = _made(self)
+        _, (_, slips, _, twists) = _rows_and_faults(self)
         return [*slips, *twists] if self.friction <= tolerances.FRICTIONLESS else []
 
     @abstractmethod
@@ -191,7 +191,9 @@ class Cone(ABC):
             force = force.own
             cone = self.fitted(force.constraint)
             T = cone.turn(force.constraint, force.rotation, upward(force.scene))
-            return cone.judge(turned(T, force.components) * (-1.0 if force.on in WORLD else 1.0))
+            return cone.judge(
+                forces_in_floor_axes(T, force.components) * (-1.0 if force.on in WORLD else 1.0)
+            )
         numbers = finite_rows("force", force, self.rows().A.shape[1])
         check_size("force", np.abs(numbers).max(initial=0.0))
         return self.judge(numbers)
@@ -201,7 +203,7 @@ class Cone(ABC):
 
         `noise` (...) is the size of a force that counts as none [N]; 1e-8 of `force` by default.
         """
-        rows, kinds = _made(self)
+        rows, kinds = _rows_and_faults(self)
         slack = -force @ rows.A.T
         pulls, slips, tips, twists = (slack[..., k].min(axis=-1, initial=np.inf) for k in kinds)
         if noise is None:
@@ -237,14 +239,14 @@ class Cone(ABC):
             yield name, (cos(angle), sin(angle), -self._flat(sides))
 
 
-def turned(T: Array, force: Array) -> Array:
+def forces_in_floor_axes(T: Array, force: Array) -> Array:
     """Return T f (...): forces (..., 3), or forces and moments (..., 6), three by three."""
     threes = force.reshape(*force.shape[:-1], force.shape[-1] // 3, 3)
     return np.asarray((threes @ np.swapaxes(T, -1, -2)).reshape(force.shape))
 
 
 @lru_cache(maxsize=64)
-def _made(cone: Cone) -> tuple[ConeRows, tuple[list[int], ...]]:
+def _rows_and_faults(cone: Cone) -> tuple[ConeRows, tuple[list[int], ...]]:
     """Return the rows of a cone, and which of them are violated by each fault."""
     names, entries = zip(*cone._table(), strict=True)
     A = np.array(list(zip_longest(*entries, fillvalue=0.0))).T
@@ -537,7 +539,7 @@ def cone_rows(scene: Scene, q: ArrayLike, cones: Cones) -> ConeRows:
     for name, columns, cone, T, W in _grounded(scene, normalised(scene.robot.model, "q", q), cones):
         rows = cone.rows()
         blocks.append(np.zeros((len(rows.A), scene.rows)))
-        blocks[-1][:, columns] = turned(T.T, rows.A) @ W.T
+        blocks[-1][:, columns] = forces_in_floor_axes(T.T, rows.A) @ W.T
         names += [f"{name}: {row}" for row in rows.names]
     return ConeRows(np.vstack(blocks), tuple(names))
 
@@ -545,7 +547,7 @@ def cone_rows(scene: Scene, q: ArrayLike, cones: Cones) -> ConeRows:
 def _margins(scene: Scene, q: Array, lam: Array, noise: Array, cones: Cones) -> dict[str, Margin]:
     """Return the margins at the states q (..., nq) with the forces lam (..., m)."""
     return {
-        name: cone.judge(turned(T, lam[..., rows] @ W), noise)
+        name: cone.judge(forces_in_floor_axes(T, lam[..., rows] @ W), noise)
         for name, rows, cone, T, W in _grounded(scene, q, cones)
     }
 
@@ -576,7 +578,7 @@ def _grounded(
 
     T (..., 3, 3) is at q (..., nq); W (rows, 3 or 6) has what the kind does not transmit.
     """
-    fitted = _fitted(scene, cones)
+    fitted = _fitted_cones(scene, cones)
     equations, states = equations_of(scene), q.shape[:-1]
     R = np.zeros((len(fitted), *states, 3, 3))
     for state in np.ndindex(states):
@@ -590,7 +592,7 @@ def _grounded(
         yield bound.name, bound.rows, cone, T, W
 
 
-def _fitted(scene: Scene, cones: Cones) -> dict[int, Cone]:
+def _fitted_cones(scene: Scene, cones: Cones) -> dict[int, Cone]:
     """Return the cones of the contacts that are judged, by their places in the scene."""
     chosen = cones
     if not isinstance(chosen, Mapping):
@@ -608,5 +610,5 @@ def _check(cones: Cones, scenes: Sequence[Scene]) -> None:
             raise InvalidArgument(f"{name} = {cone!r}: a FrictionCone or a WrenchCone is needed")
         if isinstance(cones, Mapping) and name not in known:
             raise unknown_name("constraint", name, known)
-    if not any(_fitted(scene, cones) for scene in scenes):
+    if not any(_fitted_cones(scene, cones) for scene in scenes):
         raise InvalidArgument("no contact to judge: nothing in this scene presses on a floor")

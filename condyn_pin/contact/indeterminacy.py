@@ -177,7 +177,7 @@ def by_rule(
         return found, natural  # convex: G lam is the same in all answers
     case = None
     if problem.rows <= _MOST and not _is_independent(problem.G):
-        opens = _opens(problem, _along_normals(problem))
+        opens = _all_contacts_open(problem, _along_normals(problem))
         stress = None if opens else _stress(problem)
         if stress is not None:
             return _wedged(problem, found, natural, accuracy, stress)
@@ -194,7 +194,7 @@ def by_rule(
     apart = np.abs(problem.velocities(lam) - problem.velocities(found.lam)).max()
     if again is None and apart <= _MOVED * problem.scale[1]:
         return found, natural  # it had only just met its accuracy, and seemed to slide
-    return _chosen(found, lam, again or case), natural_residual(problem, lam)
+    return _with_indeterminacy(found, lam, again or case), natural_residual(problem, lam)
 
 
 def is_determined(problem: ContactProblem) -> bool:
@@ -206,12 +206,16 @@ def is_determined(problem: ContactProblem) -> bool:
         part = problem if island is None else island.problem(problem)
         if part.law == "ccp" or not any(part.sets.coefficients):
             continue
-        if part.R is not None or len(part.names) > 1 or not _opens(part, _along_normals(part)):
+        if (
+            part.R is not None
+            or len(part.names) > 1
+            or not _all_contacts_open(part, _along_normals(part))
+        ):
             return False
     return True
 
 
-def _chosen(found: SolverResult, lam: Array, *several: Indeterminacy) -> SolverResult:
+def _with_indeterminacy(found: SolverResult, lam: Array, *several: Indeterminacy) -> SolverResult:
     return found._replace(lam=lam, path=(*found.path, "equal compliance"), several=several)
 
 
@@ -223,12 +227,12 @@ def _wedged(
     problem: ContactProblem, found: SolverResult, natural: float, accuracy: float, stress: Array
 ) -> tuple[SolverResult, float]:
     """Return the answer of the rule, and what the wedge could hold and does not."""
-    lam = _held(problem, accuracy)
+    lam = _sticking_impulses(problem, accuracy)
     if lam is None:
         lam = _limit(problem)
     is_by_rule = lam is not None
     if lam is not None:
-        found, natural = _chosen(found, lam), natural_residual(problem, lam)
+        found, natural = _with_indeterminacy(found, lam), natural_residual(problem, lam)
     moving = _moving(problem, found.lam)
     if not any(moving):
         return found, natural
@@ -239,7 +243,7 @@ def _wedged(
     return found._replace(several=(Indeterminacy("wedge", names, by_rule=is_by_rule),)), natural
 
 
-def _held(problem: ContactProblem, accuracy: float) -> Array | None:
+def _sticking_impulses(problem: ContactProblem, accuracy: float) -> Array | None:
     """Return impulses with which all that closes sticks, if they are an answer.
 
     It stays one with equally compliant contacts: the rule has the same motion.
@@ -281,7 +285,7 @@ def _normals(rows: int, cones: int, half_lines: int) -> Array:
     return read_only(e)
 
 
-def _opens(problem: ContactProblem, S: Array) -> bool:
+def _all_contacts_open(problem: ContactProblem, S: Array) -> bool:
     """True if velocities (m,) open every contact that impulses move: sigma_n > mu |sigma_t|."""
     (t1, t2, n), lines = problem.sets.axes, problem.sets.parts[1]
     margin = S[n] - problem.friction * np.hypot(S[t1], S[t2])
@@ -330,7 +334,7 @@ def _opens_by_motion(problem: ContactProblem, G: Array) -> bool:
         return False
     S = np.zeros(problem.rows)
     S[:rows] = G @ x
-    return _opens(problem, S)
+    return _all_contacts_open(problem, S)
 
 
 def _factor(G: Array) -> Array:

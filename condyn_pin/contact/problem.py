@@ -87,8 +87,8 @@ class ContactProblem:
     def __post_init__(self) -> None:
         put = object.__setattr__
         m = np.size(self.g)
-        put(self, "g", _kept("g", self.g, (m,)))
-        G = _kept("G", self.G, (m, m))
+        put(self, "g", _checked_copy("g", self.g, (m,)))
+        G = _checked_copy("G", self.G, (m, m))
         worst = float(np.abs(G - G.T).max(initial=0.0))
         if worst > tolerances.SYMMETRIC * float(np.abs(G).max(initial=0.0)):
             raise InvalidArgument(
@@ -189,7 +189,7 @@ def scale_of(stiffness: list[float], g: Array) -> tuple[float, float]:
     return stiff or 1.0, 1.0 if speed < STILL else speed
 
 
-def _kept(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = HUGE) -> Array:
+def _checked_copy(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = HUGE) -> Array:
     """Return a read-only copy of numbers that are finite and not too large."""
     array = finite(name, value, shape)
     largest = float(np.abs(array).max(initial=0.0))
@@ -202,7 +202,7 @@ def _kept(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = HUG
 
 
 def _not_negative(name: str, value: ArrayLike, most: float = HUGE) -> Array:
-    array = _kept(name, value, (np.size(value),), most)
+    array = _checked_copy(name, value, (np.size(value),), most)
     if (array < 0).any():
         k = int(array.argmin())
         raise InvalidArgument(f"{name}[{k}] = {array[k]:g}: a number >= 0 is needed")

@@ -174,7 +174,7 @@ def contact_residuals(problem: ContactProblem, lam: Array) -> ContactResiduals:
     slip = np.hypot(S[:, 0], S[:, 1])[:, None]
     undone = slip * L[:, :2] + (mu * L[:, 2])[:, None] * S[:, :2]
     return ContactResiduals(
-        cone=_largest(_beyond(L, mu), -l[lines], np.abs(l_b) - limits),
+        cone=_largest(_distances_from_cones(L, mu), -l[lines], np.abs(l_b) - limits),
         # K* is where mu |d_t| <= d_n
         dual=_largest(_beyond_dual(D, mu), -d[lines]),
         complementarity=_largest(np.abs((L * D).sum(axis=1)), np.abs(l[lines] * d[lines])),
@@ -187,7 +187,7 @@ def contact_residuals(problem: ContactProblem, lam: Array) -> ContactResiduals:
     )
 
 
-def _beyond(X: Array, mu: Array) -> Array:
+def _distances_from_cones(X: Array, mu: Array) -> Array:
     """Return the distances (k,) of points (k, 3) from the cones |x_t| <= mu x_n."""
     slip, n = np.hypot(X[:, 0], X[:, 1]), X[:, 2]
     beside = np.maximum(slip - mu * n, 0.0) / np.hypot(1.0, mu)

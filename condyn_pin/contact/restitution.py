@@ -332,7 +332,7 @@ def _until_apart(
             return lam, worst
         those = np.flatnonzero(hits | (e == 0) if chain else np.ones_like(hits))
         island = island_of(left.sets, left.names, those)
-        found, missed = _struck(island.problem(left), e[those], end, pieces)
+        found, missed = _single_strike(island.problem(left), e[those], end, pieces)
         lam[island.rows] += found
         worst = max(worst, missed)
     left = problem.replaced(g=problem.velocities(lam))
@@ -340,7 +340,7 @@ def _until_apart(
     return lam + found, max(worst, missed)
 
 
-def _struck(problem: ContactProblem, e: Array, end: End, pieces: int) -> tuple[Array, float]:
+def _single_strike(problem: ContactProblem, e: Array, end: End, pieces: int) -> tuple[Array, float]:
     """Impulses of contacts that strike once: one along its path, several in two phases."""
     if len(problem.friction) == 1 and not problem.half_lines:
         mu = float(problem.friction[0])
@@ -456,35 +456,35 @@ def _within_disks(A: Array, b: Array, limits: Array) -> Array:
             if not (most and c):
                 continue
             its = slice(2 * i, 2 * i + 2)
-            x_i = _clipped(x[its] - (A[its].dot(x) + b[its]) / c, most)
+            x_i = _clip_norms(x[its] - (A[its].dot(x) + b[its]) / c, most)
             moved = max(moved, c * float(np.abs(x_i - x[its]).max()))
             x[its] = x_i
         if moved <= _RESIDUAL * size:
             return x
-    best, least = x, _missed(A, b, x, limits, stiff)
+    best, least = x, _slip_law_error(A, b, x, limits, stiff)
     for _ in range(_STEPS):
         if least <= _RESIDUAL * size:
             break
         x = _newtons_step(A, b, x, limits)
-        error = _missed(A, b, x, limits, stiff)
+        error = _slip_law_error(A, b, x, limits, stiff)
         if not error < least:
             break
         best, least = x, error
     return best
 
 
-def _clipped(x: Array, most: float) -> Array:
+def _clip_norms(x: Array, most: float) -> Array:
     size = hypot(*x)
     return x * (most / size) if size > most else x
 
 
-def _missed(A: Array, b: Array, x: Array, limits: Array, stiff: list[float]) -> float:
+def _slip_law_error(A: Array, b: Array, x: Array, limits: Array, stiff: list[float]) -> float:
     """Return the error of x in the law of friction at its own slip, as a velocity [m/s]."""
     s, worst = A.dot(x) + b, 0.0
     for i, (most, c) in enumerate(zip(limits.tolist(), stiff, strict=True)):
         its = slice(2 * i, 2 * i + 2)
         if most and c:
-            off = x[its] - _clipped(x[its] - s[its] / c, most)
+            off = x[its] - _clip_norms(x[its] - s[its] / c, most)
             worst = max(worst, c * float(np.abs(off).max()))
     return worst
 

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import checked, counted, listed
+from condyn_pin._core.arguments import checked_names, count_text, listed
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
@@ -168,11 +168,11 @@ class _Motor(NamedTuple):
 def _motors(robot: Robot, chosen: Any) -> tuple[str | CoupledMotor, ...]:
     """Names of joints, and motors that act on several, each once."""
     if isinstance(chosen, str) or not isinstance(chosen, Iterable):
-        return checked("joints", chosen, robot.joints, "joint")  # which refuses it
+        return checked_names("joints", chosen, robot.joints, "joint")  # which refuses it
     motors = [*chosen]
     coupled = [motor for motor in motors if isinstance(motor, CoupledMotor)]
     others = [motor for motor in motors if not isinstance(motor, CoupledMotor)]
-    checked("joints", others, robot.joints, "joint")
+    checked_names("joints", others, robot.joints, "joint")
     check_coupled(robot.model, [*dict.fromkeys(coupled)])
     return tuple(dict.fromkeys(motors))
 
@@ -286,7 +286,7 @@ class Transmission:
             If these joints cannot: fewer than the motors drive, or in a dead point of them.
         """
         motors = finite("u", u, self.G.shape[1])
-        names = checked("joints", joints, self.scene.robot.joints, "joint")
+        names = checked_names("joints", joints, self.scene.robot.joints, "joint")
         rows = self.G[indices(self.scene.robot.model, names)[1]]
         # what conflicts among the motors cancels does nothing
         done = np.linalg.pinv(self.G, rcond=tolerances.RANK) @ self.G @ motors
@@ -326,7 +326,7 @@ class Transmission:
         """
         robot = self.scene.robot
         J = frame_jacobian(self.scene, self.q, frame)
-        for joint in checked("held", held, robot.joints, "joint"):
+        for joint in checked_names("held", held, robot.joints, "joint"):
             if joint not in self.at_rest:
                 raise InvalidArgument(
                     f"held: {joint} is not at rest; those that can be held are "
@@ -343,7 +343,7 @@ class Transmission:
 
     def __repr__(self) -> str:
         return (
-            f"Transmission({self.scene.robot.name}: {counted(self.G.shape[1], 'motor')}, "
+            f"Transmission({self.scene.robot.name}: {count_text(self.G.shape[1], 'motor')}, "
             f"{self.undetermined} undetermined, {self.conflicting} conflicting)"
         )
 

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import Arguments, checked
+from condyn_pin._core.arguments import Arguments, checked_names
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise, null_space
@@ -49,11 +49,11 @@ from condyn_pin.control.support import (
     SupportPolygon,
     along_plane,
     check_touching,
+    floor_pressure,
     hull,
     level_floor,
     margin_within,
     plane_of,
-    pressed,
     touching_points,
 )
 from condyn_pin.dynamics.at_state import with_redundancy
@@ -181,7 +181,7 @@ def balance(
     forces = finite("lam", lam, scene.rows)
     at = Sites(scene, q_)
     with np.errstate(all="ignore"):  # what overflows is refused
-        pressure = pressed(at, forces)
+        pressure = floor_pressure(at, forces)
         check_touching(pressure.points)
         found = balanced(scene, q_, v_, a_, pressure)
         check_overflow("v", v_, found.com_velocity, found.com_velocity**2)
@@ -389,7 +389,7 @@ class Brake:
         self._way, self._level = way, floor.axes[:2]
         self._actuation = motors_of(scene, actuation)
         self._limits = TorqueLimits.of(self._actuation, count=torque)
-        names = checked("rigid", rigid, robot.joints, "joint")
+        names = checked_names("rigid", rigid, robot.joints, "joint")
         self._stiff = rigid_rows(robot, names, self._actuation.columns)
         self._cones = ContactCones(scene, cones)
         for contact, bound in zip(scene.constraints, scene.bounds, strict=True):

@@ -47,7 +47,7 @@ def tasks_of(program: Program) -> list[tuple[Task, BoundTask]]:
     return [each for stack in (*program.levels, program.hard) for each in stack.bound]
 
 
-def unsupported(program: Program) -> Iterator[str]:
+def unsupported_features(program: Program) -> Iterator[str]:
     """Yield the features of a controller that the core lacks, in words."""
     yield from unsupported_rows(program.equations.model, program.equations.bounds)
     motors = program.actuation.motors
@@ -106,7 +106,7 @@ def _of_tasks(program: Program) -> dict[str, Any]:
     columns: list[int] = []
     hard = {task.name for task, _ in program.hard.bound}
     for task, bound in tasks_of(program):
-        made: CompiledTask = bound.compiled  # type: ignore[assignment]  # `unsupported` has looked
+        made: CompiledTask = bound.compiled  # type: ignore[assignment]  # `unsupported_features` has looked
         count, is_hard = len(made.columns), task.name in hard
         integers.append([made.kind, len(bound.names), made.at, is_hard, *made.sizes, count])
         placed = STILL if made.placement is None else placement(made.placement)
@@ -192,7 +192,7 @@ class CompiledTick:
         self, program: Program, scene: Scene, cones: Cones, actuation: Actuation,
         regularisation: float,
     ) -> None:  # fmt: skip
-        for reason in unsupported(program):
+        for reason in unsupported_features(program):
             raise UnsupportedBackend(
                 f"the compiled core does not take this: {reason}; leave it to Python, "
                 "native='where possible' does where it must"

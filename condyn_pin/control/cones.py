@@ -47,7 +47,7 @@ class ContactCones:
         upper: list[float] = []
         is_touching = np.zeros(scene.rows, dtype=bool)
         column = row = 0
-        for place, cone in _fitted(scene, cones).items():
+        for place, cone in _fitted_cones(scene, cones).items():
             contact, bound = scene.constraints[place], scene.bounds[place]
             is_touching[bound.rows] = True
             table = cone.rows()
@@ -180,7 +180,7 @@ def _key(contact: Any) -> Any:
     return type(contact), contact.support, contact.has_normal
 
 
-def _fitted(scene: Scene, cones: Cones) -> dict[int, Cone]:
+def _fitted_cones(scene: Scene, cones: Cones) -> dict[int, Cone]:
     """Return the cones of the contacts that have one, by their places in the scene."""
     if isinstance(cones, Mapping):
         for name in cones:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import Arguments, check_called, checked
+from condyn_pin._core.arguments import Arguments, check_called, checked_names
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.compiled import Native
-from condyn_pin._core.threads import OneThread, alone
+from condyn_pin._core.threads import OneThread, single_threaded
 from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.drift import Baumgarte, stabilisation
 from condyn_pin.constraints.rows.equations import Equations
@@ -128,7 +128,7 @@ class Controller(OneThread):
                 "points, WrenchCone(0.6) for soles, a dict has one by contact, and {} none"
             )
         limits = ControlLimits() if limits is None else limits
-        stiff = checked("rigid", rigid, scene.robot.joints, "joint")
+        stiff = checked_names("rigid", rigid, scene.robot.joints, "joint")
         self._settings = Settings(
             cones=cones,
             qp=qp,
@@ -224,7 +224,7 @@ class Controller(OneThread):
             self._siblings[key] = other
         return self._siblings[key]
 
-    @alone
+    @single_threaded
     def solve(
         self, q: ArrayLike, v: ArrayLike, t: float = 0.0, *, passive: ArrayLike | None = None
     ) -> ControlAnswer:
@@ -261,7 +261,7 @@ class Controller(OneThread):
             self._tick.begin_from(self._python.polished)
         return found
 
-    @alone
+    @single_threaded
     @one_blas_thread
     def program(
         self, q: ArrayLike, v: ArrayLike, t: float = 0.0, *, passive: ArrayLike | None = None

@@ -133,7 +133,7 @@ class Cascade:
         for chain, level in zip(self._chains, levels, strict=True):
             if not Z.shape[1]:
                 break  # those above leave nothing
-            inner = _within(given, level, x, Z)
+            inner = _level_program(given, level, x, Z)
             found = self._answer(chain, inner, -Z.T @ x, lambda: (np.zeros(0), costs()[1]))
             if found.elastic and not answers:  # once more with equations, which may be wishes
                 return self._at_once(given, level, costs)
@@ -144,7 +144,7 @@ class Cascade:
             z = np.abs(found.answer.z)
             least = PRESSED * (peak(inner.H.diagonal()) + peak(inner.g))
             strictly = z > max(STRICTLY * z.max(initial=0.0), least)
-            Z = Z @ null_space(np.vstack((_undecided(level, Z), inner.C[strictly]))).T
+            Z = Z @ null_space(np.vstack((_undecided_rows(level, Z), inner.C[strictly]))).T
         if Z.shape[1]:
             found = self._least(given, x, Z, lambda: (np.zeros(0), costs()[1]))
             answers.append(found)
@@ -158,11 +158,11 @@ class Cascade:
         """Return the answer of a level over s, of many that nearest to a centre, but for digits."""
         size = peak(level.H.diagonal())
         if not size > 0.0:  # those above have decided it
-            return chain.solve(_near(level, self._regularisation, centre), costs)
+            return chain.solve(_regularised(level, self._regularisation, centre), costs)
         eps = min(self._regularisation, _NEARLY_NONE * size)
-        found = chain.solve(_near(level, eps, centre), costs)
+        found = chain.solve(_regularised(level, eps, centre), costs)
         if found.answer is None or not found.solved:  # flat directions are hard on solvers
-            rough = chain.solve(_near(level, self._regularisation, centre), costs)
+            rough = chain.solve(_regularised(level, self._regularisation, centre), costs)
             if rough.answer is None or not rough.solved:
                 return rough
             found = rough
@@ -171,7 +171,7 @@ class Cascade:
             x = found.answer.x  # type: ignore[union-attr]
             if eps * peak(x - centre) <= _SETTLED * size:
                 break
-            again = chain.solve(_near(level, eps, x), costs)
+            again = chain.solve(_regularised(level, eps, x), costs)
             if again.answer is None or not again.solved:
                 break
             path = found.path if len(again.path) == 1 else found.path + again.path
@@ -181,7 +181,7 @@ class Cascade:
 
     def _least(self, given: Constraints, x: Array, Z: Array, costs: Costs) -> ChainAnswer:
         """Return the s of the least |x + Z s|^2: what the last level leaves."""
-        C, lower, upper = _left(given, x, Z)
+        C, lower, upper = _remaining_inequalities(given, x, Z)
         none = np.zeros((0, Z.shape[1]))
         program = QuadraticProgram(np.eye(Z.shape[1]), Z.T @ x, none, np.zeros(0), C, lower, upper)
         return self._rest.solve(program, costs)
@@ -205,23 +205,23 @@ def weighted(constraints: Constraints, level: Level) -> QuadraticProgram:
     return QuadraticProgram(H, g, *constraints)
 
 
-def _within(given: Constraints, level: Level, x: Array, Z: Array) -> QuadraticProgram:
+def _level_program(given: Constraints, level: Level, x: Array, Z: Array) -> QuadraticProgram:
     """Return the program of a level over s, with the point x = x + Z s at s = 0 feasible."""
-    GZ = _undecided(level, Z)
+    GZ = _undecided_rows(level, Z)
     WG = level.weights[:, None] * GZ
     g = WG.T @ (level.rows.of(x) - level.rows.b)
     none = np.zeros((0, Z.shape[1]))
-    return QuadraticProgram(GZ.T @ WG, g, none, np.zeros(0), *_left(given, x, Z))
+    return QuadraticProgram(GZ.T @ WG, g, none, np.zeros(0), *_remaining_inequalities(given, x, Z))
 
 
-def _near(level: QuadraticProgram, eps: float, centre: Array) -> QuadraticProgram:
+def _regularised(level: QuadraticProgram, eps: float, centre: Array) -> QuadraticProgram:
     """Return a program with eps |s - centre|^2 / 2 beside its objective."""
     H = level.H.copy()
     H.ravel()[:: len(H) + 1] += eps
     return replace(level, H=H, g=level.g - eps * centre)
 
 
-def _left(given: Constraints, x: Array, Z: Array) -> tuple[Array, Array, Array]:
+def _remaining_inequalities(given: Constraints, x: Array, Z: Array) -> tuple[Array, Array, Array]:
     """Return the inequalities over s, C Z and its bounds."""
     CZ, Cx = given.C @ Z, given.C @ x
     lower, upper = given.lower - Cx, given.upper - Cx
@@ -233,7 +233,7 @@ def _left(given: Constraints, x: Array, Z: Array) -> tuple[Array, Array, Array]:
     return CZ, lower, upper
 
 
-def _undecided(level: Level, Z: Array) -> Array:
+def _undecided_rows(level: Level, Z: Array) -> Array:
     """Return the rows of a level over s; zero where the levels above have decided them."""
     GZ = level.rows.of(Z)
     left, whole = np.linalg.norm(GZ, axis=1), np.linalg.norm(level.rows.G, axis=1)

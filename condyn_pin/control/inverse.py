@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import counted
+from condyn_pin._core.arguments import count_text
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
@@ -105,7 +105,7 @@ def inverse_dynamics(
     applied = applied_forces(forces)
     if applied:
         extra = extra + load_on(scene, state.q, applied).torque
-    wanted, missing = _needed(state, asked, extra)
+    wanted, missing = _nearest_allowed(state, asked, extra)
     drive = Drive(factors, terms.J, actuation.B)
     u, lam, residual = drive.share(missing)
     null_space = drive.null_space()
@@ -129,7 +129,7 @@ def inverse_dynamics(
     )
 
 
-def _needed(state: State, asked: Array, extra: Array) -> tuple[Array, Array]:
+def _nearest_allowed(state: State, asked: Array, extra: Array) -> tuple[Array, Array]:
     """Return the nearest a that the constraints allow, and its torques M a + h - extra."""
     terms = state.terms
     with np.errstate(all="ignore"):  # what overflows is refused
@@ -299,7 +299,7 @@ class InverseDynamics:
         return Sites(self.scene, self.q)
 
     def __repr__(self) -> str:
-        motors, missing = counted(len(self.u), "motor"), np.abs(self.residual).max()
+        motors, missing = count_text(len(self.u), "motor"), np.abs(self.residual).max()
         return (
             f"InverseDynamics({self.scene.robot.name}: {motors} for {self.rank} of {self.mobility} "
             f"degrees of freedom, missing {missing:.1e})"

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_count, check_flag, checked, listed, normalised
-from condyn_pin._core.arrays import Array, finite, shown
+from condyn_pin._core.arrays import Array, finite, text_of
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import null_space
@@ -282,7 +282,7 @@ def _bound(
     for i, task in enumerate(targets):
         if not isinstance(task, Tracking):
             raise InvalidArgument(
-                f"targets[{i}] = {shown(task)}: a task with a position is needed, such as "
+                f"targets[{i}] = {text_of(task)}: a task with a position is needed, such as "
                 "FrameTask('foot', reference=[0, 0, 0.1])"
             )
         if not 0.0 < task.weight < np.inf:

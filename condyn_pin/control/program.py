@@ -204,7 +204,7 @@ class Program:
         if E is None:
             E = Elimination.of(np.concatenate((J_l, self.rigid)), self.actuation.E)
         r_l = np.concatenate((r_l, self._rigid_rest)) if E.holds else self._rigid_rest
-        return reduced(
+        return reduced_equations(
             terms, terms.h - self.passive, E, r_l, terms.J[touching], wanted[touching], self.mass
         )
 
@@ -445,7 +445,7 @@ class TickConstraints:
         """
         if self._redundant is False:
             return wanted
-        best, rank = reached(touch, wanted)
+        best, rank = nearest_reachable(touch, wanted)
         if self._redundant is None:
             self._redundant = rank < len(touch)
         self.unreached = float(np.abs(best - wanted).max(initial=0.0))
@@ -576,7 +576,7 @@ def _is_matrix(places: Any) -> bool:
     return isinstance(places, np.ndarray) and places.ndim == 2
 
 
-def reached(J: Array, r: Array) -> tuple[Array, int]:
+def nearest_reachable(J: Array, r: Array) -> tuple[Array, int]:
     """Return the J z nearest to r (m,), and the rank of J (m, k)."""
     if not J.size:
         return r, 0
@@ -648,7 +648,7 @@ class Reduction(NamedTuple):
         return self.torque.shape[1], self.touch.shape[1], len(self.unreached_0)
 
 
-def reduced(
+def reduced_equations(
     terms: Terms, given: Array, E: Elimination, held: Array, J_c: Array, r_c: Array, mass: float
 ) -> Reduction:
     """Return the equations over z and lam_c / m.

@@ -265,7 +265,7 @@ class Pressure(NamedTuple):
     forces: dict[str, Array]
 
 
-def pressed(at: Sites, lam: Array) -> Pressure:
+def floor_pressure(at: Sites, lam: Array) -> Pressure:
     """Return the pressure of a scene's contacts on the floor under the forces lam (m,)."""
     exerted, cops, pressing = np.zeros(6), {}, {}
     robot = at.scene.robot

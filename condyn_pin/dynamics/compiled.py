@@ -67,7 +67,7 @@ JOINTS: Final = (
 _DIRECT: Final[tuple[Solver, ...]] = (DenseKKT(), NullSpace())
 
 
-def unsupported(workspace: Workspace) -> Iterator[str]:
+def unsupported_features(workspace: Workspace) -> Iterator[str]:
     """Yield the features of a workspace that the core lacks, in words."""
     if "compiled" in vars(workspace):  # it was asked before
         return
@@ -254,7 +254,7 @@ class CompiledCore:
     """The core of one workspace, with memory for its threads."""
 
     def __init__(self, workspace: Workspace) -> None:
-        refuse(unsupported(workspace))
+        refuse(unsupported_features(workspace))
         self.workspace, self._arguments = workspace, workspace.scene.robot.arguments
         self._scene = workspace.scene
         nq, n, m = workspace.model.nq, workspace.model.nv, self._scene.rows
@@ -317,7 +317,7 @@ class CompiledCore:
             clear = self._differentiate(q, v, tau, accuracy, out, blocks)
         except (TypeError, ValueError):
             clear = self._differentiate(*self._converted(q, v, tau), accuracy, out, blocks)
-        return CompiledDerivatives(self, out, blocks, _owned(tau)) if clear else None
+        return CompiledDerivatives(self, out, blocks, _private_copy(tau)) if clear else None
 
     def solution(self, out: Array, tau: Array) -> Solution:
         """Return the solution of one state that the core has written beside its derivatives."""
@@ -329,7 +329,7 @@ class CompiledCore:
         seconds: float,
     ) -> Solution:  # fmt: skip
         a, lam, q, v = self._ends
-        question = Question(out[lam:q], out[q:v], _owned(tau), (), self.workspace.drift)
+        question = Question(out[lam:q], out[q:v], _private_copy(tau), (), self.workspace.drift)
         return Solution(
             a=out[:a], lam=out[a:lam], residuals=Residuals._make(residuals), status=_OK,
             iterations=iterations, solve_time=seconds, scene=self._scene, question=question,
@@ -366,7 +366,7 @@ class CompiledCore:
         return np.flatnonzero(clear == 0)
 
 
-def _owned(tau: ArrayLike) -> Array:
+def _private_copy(tau: ArrayLike) -> Array:
     """Torques (nv,) that the caller cannot write to."""
     return np.array(tau, dtype=float)
 

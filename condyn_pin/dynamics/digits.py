@@ -26,7 +26,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import counted
+from condyn_pin._core.arguments import count_text
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import rank_of
 from condyn_pin.constraints.rows.bound import BoundConstraint
@@ -205,14 +205,14 @@ def _note(
         gap = float(gaps[bound.rows].max(initial=0.0))
         if weights[bound.rows].max(initial=0.0) <= _NAMED * weights.max() or gap <= _EXACT:
             continue
-        off = _off(rows, bound, constraint.frames, gap)
+        off = _axis_defect(rows, bound, constraint.frames, gap)
         if off is None:
-            text = f"closes but for {_short(gap)} rad or sizes of the loop"
+            text = f"closes but for {_short_number(gap)} rad or sizes of the loop"
             off = _Off(text, "redundant", False)
         what = "loop" if constraint.closes else "constraint"
         text = f"{what} {bound.name!r} ({constraint.called}): {off.text}"
         found.append(off._replace(text=text, planar=off.planar and constraint.called in _PINS))
-    more = f"; and {counted(len(found) - _MOST, 'more loop')}" if len(found) > _MOST else ""
+    more = f"; and {count_text(len(found) - _MOST, 'more loop')}" if len(found) > _MOST else ""
     what = "; ".join(off.text for off in found[:_MOST]) + more
     taken = " and ".join(dict.fromkeys(off.taken for off in found))
     instead = "use kind='planar', " if all(off.planar for off in found) else ""
@@ -231,7 +231,9 @@ def _note(
     )
 
 
-def _off(rows: Equations, bound: BoundConstraint, frames: Sequence[str], gap: float) -> _Off | None:
+def _axis_defect(
+    rows: Equations, bound: BoundConstraint, frames: Sequence[str], gap: float
+) -> _Off | None:
     """Axes of a loop that are off parallel or square as its gap says, or a gap off its plane."""
     ends = bound.ends(rows.data.oMi)
     if bound.joints is None or ends is None:
@@ -247,7 +249,9 @@ def _off(rows: Equations, bound: BoundConstraint, frames: Sequence[str], gap: fl
         pairs = [pair for pair in _pairs([*axes, *own]) if _EXACT < pair[3] < _AS_FAR * gap]
     if pairs:
         one, other, how, off = max(pairs, key=lambda pair: round(pair[3], 9))
-        text = f"axes of {one!r} and {other!r} are off {how} by {_short(off)} rad{_hint(off)}"
+        text = (
+            f"axes of {one!r} and {other!r} are off {how} by {_short_number(off)} rad{_hint(off)}"
+        )
         return _Off(text, how, planar)
     across = abs(float(turning[0] @ (ends[0].translation - ends[1].translation))) if planar else 0.0
     if not across > _EXACT:
@@ -292,7 +296,7 @@ def _hint(off: float) -> str:
     return ""
 
 
-def _short(x: float) -> str:
+def _short_number(x: float) -> str:
     return f"{x:.2g}".replace("e-0", "e-")
 
 

@@ -20,7 +20,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.jacobian import Block, Jacobian
-from condyn_pin.constraints.rows.bound import worst
+from condyn_pin.constraints.rows.bound import largest_violation
 from condyn_pin.constraints.rows.redundancy import LeftOut
 from condyn_pin.dynamics.at_state import at_state, equations_of, gaps, rounding, without_gravity
 from condyn_pin.dynamics.derivatives.kkt import Linearisation, TurningRows, turning_null_space
@@ -91,7 +91,9 @@ class Impact(Jacobian):
         """Notices, a sentence each."""
         said = pulling(self.impulses, self._sites, "N s")
         if self.violation > tolerances.CLOSED:
-            name, gap = worst(gaps(self.scene, equations_of(self.scene).violation(self.q)))
+            name, gap = largest_violation(
+                gaps(self.scene, equations_of(self.scene).violation(self.q))
+            )
             return (f"{name} is open by {gap} at q", *said)
         return said
 

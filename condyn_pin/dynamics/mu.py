@@ -238,7 +238,7 @@ def best_choice(solver: ArticulatedSolver, workspace: Workspace, start: MakeSolv
     def best(refinements: int, limit: int) -> Measured:
         weights = (share * nominal.delassus_norm for share in _WEIGHT_SHARES)
         choices = [WeightChoice(mu, limit, refinements) for mu in weights]
-        return min(_measured(solver, workspace, start, states, choice) for choice in choices)
+        return min(_measure_weight(solver, workspace, start, states, choice) for choice in choices)
 
     if solver.refinements is not None:
         return best(solver.refinements, solver.max_iterations).choice
@@ -255,7 +255,7 @@ def best_choice(solver: ArticulatedSolver, workspace: Workspace, start: MakeSolv
     return WeightChoice(mu, min(2 * limit, solver.max_iterations), refinements)
 
 
-def _measured(
+def _measure_weight(
     solver: ArticulatedSolver,
     workspace: Workspace,
     start: MakeSolver,

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import worst
+from condyn_pin.constraints.rows.bound import largest_violation
 from condyn_pin.dynamics.at_state import by_digits, equations_of, gaps, left_out_at
 from condyn_pin.dynamics.solution import Sites, Solution, Status, pulling
 from condyn_pin.dynamics.verbs import solve
@@ -35,13 +35,13 @@ def notices_of(solution: Solution, sites: Sites) -> tuple[str, ...]:
     why = undetermined(solution) if finite else ""
     try:
         off = _off_the_constraints(solution, why) if finite else ()
-    except InvalidModel:  # M is singular at q, which `_doubts` names
+    except InvalidModel:  # M is singular at q, which `_rank_notes` names
         off = ()
     wrong_forces = () if why else _wrong_forces(solution)
     slack = _left_out_of_tau(solution) if finite else ()
     found = slack + pulling(solution.forces, sites) + wrong_forces + said + off
     explained = bool(off) and (solution.status.ok or bool(why))
-    return tuple(dict.fromkeys(found + _doubts(solution, explained)))
+    return tuple(dict.fromkeys(found + _rank_notes(solution, explained)))
 
 
 def _left_out_of_tau(solution: Solution) -> tuple[str, ...]:
@@ -98,7 +98,7 @@ def undetermined(solution: Solution) -> str:
     if solution.status is not Status.INACCURATE or not scene.robot.precision or not scene.rows:
         return ""
     if doubt >= tolerances.DOUBT:
-        name, gap = worst(gaps(scene, equations_of(scene).violation(solution.q)))
+        name, gap = largest_violation(gaps(scene, equations_of(scene).violation(solution.q)))
         return (
             f"closing the loops ({gap} at {name}) leads {doubt:.2g} of the way to a singular "
             "posture: no a belongs to this state at its precision; Scene.assemble(q) closes them"
@@ -135,7 +135,11 @@ def _off_the_constraints(solution: Solution, why: str) -> tuple[str, ...]:
     if by_digits(scene) and moves <= tolerances.OPEN:
         return ()  # digits of the file leave it open at every state, and have a notice
     is_open = off.position > tolerances.OPEN
-    gap = worst(gaps(scene, equations_of(scene).violation(solution.q))) if is_open else None
+    gap = (
+        largest_violation(gaps(scene, equations_of(scene).violation(solution.q)))
+        if is_open
+        else None
+    )
     missed = ", ".join(f"{row} by {abs(by):.2g}" for row, by in rest.items())
     if gap and (doubt >= _NOTICED or missed):
         joint, by = _largest(scene.robot.model, solution.state_error.q)
@@ -162,7 +166,7 @@ def _largest(model: Any, move: Array) -> tuple[str, float]:
     return model.names[joint.id], float(abs(move[i]))
 
 
-def _doubts(solution: Solution, explained: bool) -> tuple[str, ...]:
+def _rank_notes(solution: Solution, explained: bool) -> tuple[str, ...]:
     """Return the notes of `Scene.rank` where it is singular, or the answer is in doubt.
 
     Not of an answer that is so because of its state, if another notice has `explained` that.

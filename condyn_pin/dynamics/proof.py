@@ -20,7 +20,7 @@ from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise
 from condyn_pin.constraints.forces import Load
-from condyn_pin.constraints.rows.bound import ConstraintViolation, largest_torque, worst
+from condyn_pin.constraints.rows.bound import ConstraintViolation, largest_torque, largest_violation
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import changed_by_closing, gaps
 from condyn_pin.dynamics.residuals import ErrorEstimator, Residuals
@@ -231,7 +231,7 @@ def _torques(tau: Array, load: Load | None) -> Array:
 def failure(workspace: Workspace, solution: Solution, enough: float | None = None) -> SolveFailed:
     """Return the error of an answer that is not ok; an accuracy that is `enough` lets it pass."""
     found = gaps(workspace.scene, workspace.equations.violation(solution.q))
-    gap = worst(found)[1] if found else ConstraintViolation(0.0, 0.0)
+    gap = largest_violation(found)[1] if found else ConstraintViolation(0.0, 0.0)
     reason = massless_motion(workspace.model, solution.q, data=workspace.data)
     if not reason and solution.status is Status.INACCURATE:
         from condyn_pin.dynamics.notices import undetermined  # most answers are ok
@@ -252,7 +252,7 @@ def failure(workspace: Workspace, solution: Solution, enough: float | None = Non
 def _cures(workspace: Workspace, status: Status, enough: float | None) -> Iterator[str]:
     """Yield cures, but for the solver that was tried just now."""
     from condyn_pin.dynamics.solvers import SOLVERS
-    from condyn_pin.dynamics.workspace import unsupported  # which imports solvers
+    from condyn_pin.dynamics.workspace import unsupported_constraints  # which imports solvers
 
     scene, solver, inaccurate = workspace.scene, workspace.solver, status is Status.INACCURATE
     if scene.rows and inaccurate and hasattr(solver, "max_iterations"):
@@ -261,7 +261,7 @@ def _cures(workspace: Workspace, status: Status, enough: float | None) -> Iterat
         yield "try another mu"
     for name in _OTHERS[status] if scene.rows or inaccurate else ():
         kind = SOLVERS[name]
-        if type(solver) is not kind and not unsupported(scene, kind()):
+        if type(solver) is not kind and not unsupported_constraints(scene, kind()):
             yield f"solve with {kind.__name__}()"
     if enough is not None:
         yield f"accuracy={enough:g} would pass"

@@ -15,12 +15,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import counted, renamed
+from condyn_pin._core.arguments import count_text, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.kinds import bind
-from condyn_pin.constraints.places import settled
+from condyn_pin.constraints.places import with_joint_names
 from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.nominal import (
@@ -91,7 +91,9 @@ class Scene:
         self.robot.check_unedited()
         constraints = tuple(map(self._constraint, range(len(self.constraints)), self.constraints))
         object.__setattr__(self, "constraints", constraints)
-        object.__setattr__(self, "contacts", tuple(settled(c, self.robot) for c in self.contacts))
+        object.__setattr__(
+            self, "contacts", tuple(with_joint_names(c, self.robot) for c in self.contacts)
+        )
         object.__setattr__(self, "_bounds", bind(self.robot, self.constraints))
         object.__setattr__(self, "_contact_bounds", self._bound_contacts() if self.contacts else ())
 
@@ -102,7 +104,7 @@ class Scene:
             from condyn_pin.constraints.rigid import rigid_constraint
 
             return rigid_constraint(self.robot, given, i)
-        return settled(given, self.robot) if isinstance(given, Constraint) else given
+        return with_joint_names(given, self.robot) if isinstance(given, Constraint) else given
 
     def _bound_contacts(self) -> tuple[BoundContact, ...]:
         # shapes and where they meet: most scenes have none
@@ -463,7 +465,7 @@ def check_bilateral(scene: Scene) -> None:
     if scene.contacts:
         count = sum(len(bound.candidates) for bound in scene.contact_bounds)
         raise UnsupportedConstraint(
-            f"{counted(count, 'contact')} may open: step, its derivatives and simulate take "
+            f"{count_text(count, 'contact')} may open: step, its derivatives and simulate take "
             "them; scene.closed() is the scene that holds them"
         )
 

@@ -728,10 +728,10 @@ def scene_html(scene: Scene) -> str:
     return show.page(
         f"Scene of {robot.name}",
         show.facts(said.items()),
-        show.folded(
+        show.folded_html(
             "constraints", show.grid(("constraint", "kind", "rows"), rows), count=len(rows)
         ),
-        show.folded("contacts", show.grid(("contact", "kind"), touching), count=len(touching)),
+        show.folded_html("contacts", show.grid(("contact", "kind"), touching), count=len(touching)),
         '<div style="opacity:0.7">scene.summary() has rank, redundant rows and mobility</div>',
     )
 
@@ -755,7 +755,7 @@ def solution_html(solution: Solution) -> str:
         f"{solution.scene.robot.name}: {status.name.lower()}",
         "" if status.ok else show.notes([status.value]),
         show.facts(said.items()),
-        show.folded(
+        show.folded_html(
             "forces on the first-named body, in the axes of each constraint [N, N m]",
             show.grid(headings, forces),
             count=len(forces),

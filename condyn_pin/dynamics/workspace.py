@@ -28,7 +28,7 @@ from condyn_pin._core.arguments import (
     unpack_quaternion,
 )
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.threads import OneThread, alone, in_use
+from condyn_pin._core.threads import OneThread, in_use, single_threaded
 from condyn_pin._core.trees import Forest, is_forest, whole_data
 from condyn_pin.constraints.drift import Baumgarte, stabilisation
 from condyn_pin.constraints.forces import AppliedForce, Loads, applied_forces
@@ -78,7 +78,7 @@ def default_solver(scene: Scene) -> Solver:
     return NullSpace() if scene.nominal.dependent else DenseKKT()
 
 
-def kinds_of(solver: type[Solver]) -> str:
+def constraint_kinds_of(solver: type[Solver]) -> str:
     """Return in words which kinds of constraints a solver takes."""
     if solver.takes_every_kind:
         return "every kind"
@@ -89,7 +89,7 @@ def kinds_of(solver: type[Solver]) -> str:
     return "points and welds"
 
 
-def unsupported(scene: Scene, solver: Solver) -> tuple[str, ...]:
+def unsupported_constraints(scene: Scene, solver: Solver) -> tuple[str, ...]:
     """Return the names of the constraints that a solver cannot take."""
     found = pinocchio_constraints_of(scene)
     if solver.takes_every_kind:
@@ -106,7 +106,7 @@ def unsupported(scene: Scene, solver: Solver) -> tuple[str, ...]:
 
 def check_kinds(scene: Scene, solver: Solver) -> None:
     """Raise `UnsupportedConstraint` if a solver cannot take a constraint of the scene."""
-    names = unsupported(scene, solver)
+    names = unsupported_constraints(scene, solver)
     if names:
         raise UnsupportedConstraint(_refusal(scene, solver, names))
 
@@ -132,7 +132,7 @@ def _refusal(scene: Scene, solver: Solver, names: Sequence[str]) -> str:
         )
     if found.unsupported:
         able = [f"{k.__name__}()" for k in SOLVERS.values() if k.takes_every_kind and k.exact]
-    taken = f"{type(solver).__name__} takes {kinds_of(type(solver))}"
+    taken = f"{type(solver).__name__} takes {constraint_kinds_of(type(solver))}"
     return f"{taken}: {', and '.join(why)}; use {' or '.join(able)}"
 
 
@@ -232,7 +232,7 @@ class Workspace(OneThread):
         self.roots = self._arguments.roots
         self._start(scene, equations)
 
-    @alone
+    @single_threaded
     def use(self, scene: Scene) -> None:
         """Switch to another scene of the same robot: other contacts, the same memory.
 
@@ -361,7 +361,7 @@ class Workspace(OneThread):
         self.check_unedited()
         if forces is not _NO_FORCES:
             return self._pushed_acceleration(q, v, tau, forces)
-        me, user = get_ident(), self._user  # `alone`, without its call
+        me, user = get_ident(), self._user  # `single_threaded`, without its call
         if user and user != me:
             raise in_use()
         self._user = self._solved_by = me
@@ -399,7 +399,7 @@ class Workspace(OneThread):
             return q
         return np.array(pin.normalize(self.model, q))
 
-    @alone
+    @single_threaded
     def _pushed_acceleration(
         self, q: Array, v: Array, tau: Array, forces: Sequence[AppliedForce]
     ) -> Array:
@@ -460,7 +460,7 @@ class Workspace(OneThread):
                 self.core.check(forces)
         return self._by_python((q, v, tau), forces, accuracy, throw)
 
-    @alone
+    @single_threaded
     def _by_python(
         self, state: Given, forces: Sequence[AppliedForce], accuracy: float, throw: bool
     ) -> Solution:
@@ -526,19 +526,19 @@ class Workspace(OneThread):
                 return found
         return _differentiate()(self, q, v, tau, forces, method, check, accuracy)
 
-    @alone
+    @single_threaded
     def terms(self, q: ArrayLike, v: ArrayLike) -> Terms:
         """Return M, h, J, gamma and a_ref at a state."""
         self.check_unedited()
         q_, v_, _ = self._arguments.check(q, v, np.zeros(self.model.nv))
         return finite_terms(self.equations, q_, v_)
 
-    @alone
+    @single_threaded
     def jacobian(self, q: ArrayLike) -> Array:
         """Return the constraint Jacobian J (m, nv)."""
         return self.equations.jacobian(self._configuration(q))
 
-    @alone
+    @single_threaded
     def violation(self, q: ArrayLike) -> Array:
         """Return c(q) (m,) [m, rad]."""
         return self.equations.violation(self._configuration(q))

@@ -67,7 +67,7 @@ def circle_of(leaders: Mapping[str, str]) -> list[str]:
     return []
 
 
-def doubts(bodies: Iterable[Body]) -> Iterator[str]:
+def implausible_inertias(bodies: Iterable[Body]) -> Iterator[str]:
     """Yield a sentence on bodies with inertias that no solid has.
 
     A file may have such a body where nothing moves it by itself, and real files do. The composite

@@ -100,7 +100,7 @@ def load_robot(
     UnmodelledWarning
         If the file has what changes the motion and is not in the model: `Robot.unmodelled`.
     """
-    robot = _loaded(name, _root_joint(floating, root_joint), model, variant)
+    robot = _cached_robot(name, _root_joint(floating, root_joint), model, variant)
     if actuated is not None:
         robot = replace(robot, actuated=actuated, coupled_motors=())
     changes: dict[str, Any] = {"precision": precision}
@@ -129,7 +129,7 @@ def _root_joint(floating: bool | None, root_joint: str | None) -> str | None:
     return said
 
 
-def _loaded(
+def _cached_robot(
     name: str | Path,
     root_joint: str | None,
     model: str | Sequence[str] | None,
@@ -150,7 +150,7 @@ def _loaded(
         _check_model(model, "the text of a URDF", False)
         return read_alone(name, root_joint or "fixed")
     path = _path(name)
-    described = None if str(name) in known or path.exists() else _described(str(name))
+    described = None if str(name) in known or path.exists() else _named_description(str(name))
     plain = path.suffix in _ROOTED or (path.suffix == ".xml" and root_joint is None)
     if str(name) not in known and plain and not path.is_dir():
         from condyn_pin.io.robot_toml import read_alone
@@ -160,7 +160,7 @@ def _loaded(
         return read_alone(path, root_joint or "fixed", model)
     _check_model(model, name, False)
     if described is not None:
-        return _loaded(described, root_joint, None, variant)
+        return _cached_robot(described, root_joint, None, variant)
     if root_joint is not None:
         raise InvalidArgument(
             f"root_joint = {root_joint!r}: it is for a URDF or an SDF; {str(name)!r} says itself "
@@ -187,7 +187,7 @@ def _loaded(
     raise unknown_name("robot", str(name), known)
 
 
-def _described(name: str) -> Path | None:
+def _named_description(name: str) -> Path | None:
     """Path of a named description of the package `robot_descriptions`; None if it has none."""
     if not name.endswith("_description") or find_spec("robot_descriptions") is None:
         return None

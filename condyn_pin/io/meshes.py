@@ -68,7 +68,7 @@ def cleaned(vertices: Array, corners: NDArray[Any]) -> Mesh:
     return Mesh(vertices[kept], faces.reshape(-1, 3).astype(np.uint32))
 
 
-def turned(profile: ArrayLike, sides: int = 20) -> Mesh:
+def solid_of_revolution(profile: ArrayLike, sides: int = 20) -> Mesh:
     """Return the solid of revolution about z of a profile (k, 2) of radius and height [m]."""
     r, z = np.asarray(profile, dtype=float).T
     angle = 2.0 * np.pi * np.arange(sides) / sides
@@ -84,25 +84,25 @@ def turned(profile: ArrayLike, sides: int = 20) -> Mesh:
 def sphere(radius: float) -> Mesh:
     """Return a ball about the origin."""
     angle = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 11)
-    return turned(radius * np.column_stack([np.cos(angle), np.sin(angle)]))
+    return solid_of_revolution(radius * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
 def cylinder(radius: float, height: float) -> Mesh:
     """Return a cylinder along z, its middle in the origin."""
     h = 0.5 * height
-    return turned([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
+    return solid_of_revolution([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
 
 
 def rod(radius: float, length: float, sides: int) -> Mesh:
     """Return a cylinder along z, from the origin."""
-    return turned([(0.0, 0.0), (radius, 0.0), (radius, length), (0.0, length)], sides)
+    return solid_of_revolution([(0.0, 0.0), (radius, 0.0), (radius, length), (0.0, length)], sides)
 
 
 def capsule(radius: float, height: float) -> Mesh:
     """Return a cylinder along z from 0 to `height` with half a ball at each end."""
     angle = np.linspace(0.0, 0.5 * np.pi, 5)
     cap = radius * np.column_stack([np.cos(angle), np.sin(angle)])
-    return turned(np.vstack([cap[::-1] * (1, -1), cap + np.array([0.0, height])]), 12)
+    return solid_of_revolution(np.vstack([cap[::-1] * (1, -1), cap + np.array([0.0, height])]), 12)
 
 
 def centred_capsule(radius: float, length: float) -> Mesh:

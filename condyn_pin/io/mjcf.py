@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin, set_dry_friction
-from condyn_pin._core.arguments import few, listed
+from condyn_pin._core.arguments import listed, short_list
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.coupling import Coupling
@@ -374,7 +374,7 @@ class Transmissions:
         if not hasattr(mj, "actuator_armature"):  # MuJoCo of before
             return
         carried = mj.actuator_armature, mj.actuator_damping * damped
-        for k, (kind, target) in enumerate(pulled(mj)):
+        for k, (kind, target) in enumerate(actuator_targets(mj)):
             square = mj.actuator_gear[k, 0] ** 2
             at = mj.dof_jntid == target if kind == "joint" else [target]
             to = (self.armature, self.damping)
@@ -448,7 +448,7 @@ def coefficients_of(mj: Any, t: int) -> dict[int, float] | None:
     return {j: c for j, c in pairs if c}
 
 
-def pulled(mj: Any) -> Iterator[tuple[str, int]]:
+def actuator_targets(mj: Any) -> Iterator[tuple[str, int]]:
     """Yield the target of each actuator, kind and index: a joint, a tendon, a site, a body."""
     trn = require_mujoco("").mjtTrn
     for kind, (target, _) in zip(mj.actuator_trntype, mj.actuator_trnid.tolist(), strict=True):
@@ -460,7 +460,7 @@ def pulled(mj: Any) -> Iterator[tuple[str, int]]:
 def driven(mj: Any) -> list[int | None]:
     """Return the joint that each actuator drives alone, None if there is no such joint."""
     found: list[int | None] = []
-    for kind, target in pulled(mj):
+    for kind, target in actuator_targets(mj):
         moves = {target: 1.0} if kind == "joint" else None
         moves = coefficients_of(mj, target) if kind == "tendon" else moves
         found.append(next(iter(moves)) if moves and len(moves) == 1 else None)
@@ -473,23 +473,23 @@ def coupled_motors(mj: Any) -> dict[int, CoupledMotor]:
     Servos are none: they push at ctrl = 0. Nor are dampers, whose force is not theirs to choose.
     """
     joints, fixed = joint_names(mj), int(require_mujoco("").mjtGain.mjGAIN_FIXED)
-    acts = (mj.actuator_gaintype == fixed) & np.logical_not(_biased(mj))
+    acts = (mj.actuator_gaintype == fixed) & np.logical_not(_has_bias_force(mj))
     names = names_of(mj, "actuator")
     taken, found = {*joints, *names}, {}
-    each = zip(names, pulled(mj), _force_limits(mj).tolist(), strict=True)
+    each = zip(names, actuator_targets(mj), _force_limits(mj).tolist(), strict=True)
     for k, (name, (kind, target), (least, largest)) in enumerate(each):
         weights = coefficients_of(mj, target) if kind == "tendon" and acts[k] else None
         gear = float(mj.actuator_gear[k, 0])
         if weights and len(weights) > 1 and gear and least < largest:
             if name in joints:
-                name = spare(f"{name}_motor", taken)
+                name = unused_name(f"{name}_motor", taken)
                 taken.add(name)
             pulls = {joints[j]: gear * c for j, c in weights.items()}
             found[k] = CoupledMotor(name, pulls, (least, largest))
     return found
 
 
-def spare(name: str, taken: Collection[str]) -> str:
+def unused_name(name: str, taken: Collection[str]) -> str:
     """Name that is not taken, with as many underscores behind it as that needs."""
     while name in taken:
         name += "_"
@@ -514,7 +514,7 @@ def _force_limits(mj: Any) -> Array:
         (mj.actuator_forcelimited > 0, mj.actuator_forcerange),
         # ctrl of a servo is no force
         (
-            clamped & fixed & direct & np.logical_not(_biased(mj)),
+            clamped & fixed & direct & np.logical_not(_has_bias_force(mj)),
             np.sort(mj.actuator_gainprm[:, :1] * mj.actuator_ctrlrange, axis=1),
         ),
         (on_tendon, of_tendon),
@@ -526,7 +526,7 @@ def _force_limits(mj: Any) -> Array:
 
 def _held_tendons(mj: Any) -> dict[int, int]:
     """Tendons with a range of force on which one actuator pulls alone, by that actuator."""
-    targets = [*pulled(mj)]
+    targets = [*actuator_targets(mj)]
     counts = Counter(targets)
     return {
         k: t
@@ -541,7 +541,7 @@ def efforts(mj: Any, coupled: Iterable[CoupledMotor]) -> Array:
     Infinite where there is no limit, or where `coupled` motors act too: those have their own.
     """
     own, moved = np.zeros((mj.njnt, 2)), np.zeros(mj.njnt, dtype=bool)
-    each = zip(pulled(mj), driven(mj), _force_limits(mj).tolist(), strict=True)
+    each = zip(actuator_targets(mj), driven(mj), _force_limits(mj).tolist(), strict=True)
     for k, ((kind, target), j, limits) in enumerate(each):
         if j is not None:
             arm = coefficients_of(mj, target) if kind == "tendon" else None
@@ -580,7 +580,7 @@ def unmodelled(mj: Any, had: Transmissions) -> Iterator[str]:
         "tendon": names_of(mj, "tendon"), "actuator": names_of(mj, "actuator"),
     }  # fmt: skip
     found = [
-        (what, _named(owners[array.split("_")[0]], getattr(mj, array) - none))
+        (what, _names_of_nonzero(owners[array.split("_")[0]], getattr(mj, array) - none))
         for array, switch, what, none in _CHANGES
         if hasattr(mj, array) and not (switch and disabled(mj, switch))
     ]
@@ -590,11 +590,11 @@ def unmodelled(mj: Any, had: Transmissions) -> Iterator[str]:
     found += [
         (
             "armature of free joints",
-            _named(joints, (kinds == FREE) & (had.armature[mj.jnt_dofadr] != 0)),
+            _names_of_nonzero(joints, (kinds == FREE) & (had.armature[mj.jnt_dofadr] != 0)),
         ),
-        ("springs of free joints and balls", _named(joints, (kinds <= BALL) & sprung)),
-        ("limits of balls", _named(joints, (kinds == BALL) & (mj.jnt_limited > 0))),
-        ("gravity compensation of bodies", _named(bodies, lifted)),
+        ("springs of free joints and balls", _names_of_nonzero(joints, (kinds <= BALL) & sprung)),
+        ("limits of balls", _names_of_nonzero(joints, (kinds == BALL) & (mj.jnt_limited > 0))),
+        ("gravity compensation of bodies", _names_of_nonzero(bodies, lifted)),
         ("flexible bodies, beside their masses", names_of(mj, "flex")),
     ]
     yield from (f"{what} ({listed(names)})" for what, names in found if names)
@@ -620,7 +620,7 @@ def unused(mj: Any, had: Transmissions, coupled: Collection[int], most: Array) -
     if some := [f"{n} {what}" for what, n in counts.items() if n]:
         yield f"in the file and not used: {', '.join(some)}"
     of = {kind: names_of(mj, kind) for kind in ("tendon", "site")} | {"body": body_names(mj)}
-    pulls = enumerate(zip(names_of(mj, "actuator"), pulled(mj), alone, strict=True))
+    pulls = enumerate(zip(names_of(mj, "actuator"), actuator_targets(mj), alone, strict=True))
     others = {
         k: f"{name} on {kind} {of[kind][target]!r}"
         for k, (name, (kind, target), joint) in pulls
@@ -636,40 +636,41 @@ def unused(mj: Any, had: Transmissions, coupled: Collection[int], most: Array) -
             "Robot.unmodelled lists them"
         )
     groups = mj.opt.disableactuator >> np.clip(mj.actuator_group, 0, 30)
-    if off := _named(names_of(mj, "actuator"), (groups & 1) | disabled(mj, "ACTUATION")):
-        yield f"actuators that the file switches off, and are motors here: {few(off)}"
-    if pushing := _named(names_of(mj, "actuator"), _biased(mj)):
-        yield f"servos, which push at ctrl = 0 ({few(pushing)}): here what acts is tau"
+    if off := _names_of_nonzero(names_of(mj, "actuator"), (groups & 1) | disabled(mj, "ACTUATION")):
+        yield f"actuators that the file switches off, and are motors here: {short_list(off)}"
+    if pushing := _names_of_nonzero(names_of(mj, "actuator"), _has_bias_force(mj)):
+        yield f"servos, which push at ctrl = 0 ({short_list(pushing)}): here what acts is tau"
     owners = [joints[j] for j in mj.dof_jntid]
-    if damped := _named(owners, had.damping):
-        yield f"joint damping ({few(damped)}): add Robot.passive_torque to tau"
-    if rubbed := _named(owners, had.friction):
-        yield f"joint friction ({few(rubbed)}): a scene has it with JointFriction"
+    if damped := _names_of_nonzero(owners, had.damping):
+        yield f"joint damping ({short_list(damped)}): add Robot.passive_torque to tau"
+    if rubbed := _names_of_nonzero(owners, had.friction):
+        yield f"joint friction ({short_list(rubbed)}): a scene has it with JointFriction"
     scalar = mj.jnt_type > BALL
-    if limited := _named(joints, scalar & np.isfinite(had.limits).any(axis=1)):
+    if limited := _names_of_nonzero(joints, scalar & np.isfinite(had.limits).any(axis=1)):
         yield f"limits of position ({len(limited)} joints)"
-    if uneven := _named(joints, scalar & (most[:, 0] != most[:, 1])):
+    if uneven := _names_of_nonzero(joints, scalar & (most[:, 0] != most[:, 1])):
         yield (
-            f"torque limits that differ by direction ({few(uneven)}): the effort limit is the "
-            "smaller one that is not zero"
+            f"torque limits that differ by direction ({short_list(uneven)}): the effort limit is "
+            "the smaller one that is not zero"
         )
     held = {*_held_tendons(mj).values()}
     shared = [
         name for t, name in enumerate(of["tendon"]) if mj.tendon_actfrclimited[t] and t not in held
     ]
     if shared:
-        yield f"ranges of force of tendons that motors share, or over one joint ({few(shared)})"
-    if wide := _named(joints, mj.jnt_range.any(axis=1) & (mj.jnt_limited == 0)):
-        yield f"ranges that are no limits to MuJoCo ({few(wide)})"
+        names = short_list(shared)
+        yield f"ranges of force of tendons that motors share, or over one joint ({names})"
+    if wide := _names_of_nonzero(joints, mj.jnt_range.any(axis=1) & (mj.jnt_limited == 0)):
+        yield f"ranges that are no limits to MuJoCo ({short_list(wide)})"
 
 
-def _named(names: Sequence[str], values: ArrayLike) -> list[str]:
+def _names_of_nonzero(names: Sequence[str], values: ArrayLike) -> list[str]:
     """Names of the nonzero rows of `values`, each once."""
     rows = zip(names, np.asarray(values), strict=True)
     return list(dict.fromkeys(name for name, row in rows if np.any(row)))
 
 
-def _biased(mj: Any) -> Array:
+def _has_bias_force(mj: Any) -> Array:
     """Mask of the actuators with a force at ctrl = 0."""
     types = require_mujoco("").mjtBias
     kinds = mj.actuator_biastype

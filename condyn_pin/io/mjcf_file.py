@@ -17,7 +17,7 @@ from warnings import catch_warnings
 from xml.etree.ElementTree import Element
 
 from condyn_pin.errors import InvalidModel, MissingExtra
-from condyn_pin.io.xml import check_counts, label, open_xml, place, shown
+from condyn_pin.io.xml import check_counts, label, open_xml, place, quoted_text
 
 _PARTS: Final = 10_000  # a robot has hundreds; MuJoCo makes so many in seconds
 _ENTRIES: Final = 10_000_000  # of one table: a picture of 3000 x 3000
@@ -44,7 +44,7 @@ def compiled(path: str | PathLike[str], tag: str = "") -> tuple[Any, tuple[str, 
     """
     path = Path(path)
     if path.suffix == ".xml":
-        root = _whole(path, tag)
+        root = _with_includes(path, tag)
         check_counts(sum(1 for _ in root.iter("body")), 0)
         _parts(root, path.parent, 1)
     mujoco = require_mujoco("MuJoCo's own compiler reads an MJCF")
@@ -120,7 +120,7 @@ def joint_names(mj: Any) -> list[str]:
     return names
 
 
-def _whole(path: Path, tag: str = "") -> Element:
+def _with_includes(path: Path, tag: str = "") -> Element:
     """Root of a file, every <include> replaced by the content of the included file.
 
     Names are relative to the first file, and none is included twice, as MuJoCo has it.
@@ -147,7 +147,7 @@ def _parts(root: Element, folder: Path, depth: int) -> float:
     if depth > _DEEPEST:
         raise InvalidModel("<attach>: models attach each other without an end")
     attached = {
-        model.get("name", model.get("file")): _parts(_whole(path), path.parent, depth + 1)
+        model.get("name", model.get("file")): _parts(_with_includes(path), path.parent, depth + 1)
         for model in root.iter("model")
         if model.get("file")
         for path in [folder / model.get("file", "")]
@@ -174,7 +174,7 @@ def _check_tables(element: Element) -> None:
     names += tuple(n for n in element.attrib if n.startswith("nuser_"))
     numbers = {name: prod(_counts(element, name)[:2]) for name in names}
     if prod(numbers.values()) > _ENTRIES:
-        said = ", ".join(f"{name} = {shown(element.get(name, ''))}" for name in numbers)
+        said = ", ".join(f"{name} = {quoted_text(element.get(name, ''))}" for name in numbers)
         raise InvalidModel(f"{label(element)}: {said}: more than {_ENTRIES} entries")
 
 

@@ -43,7 +43,7 @@ from condyn_pin.constraints.contacts.shapes import Plane, Shape
 from condyn_pin.constraints.places import WORLD
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.meshes import read_mesh
-from condyn_pin.io.mjcf import DRAWN, FAR, spare
+from condyn_pin.io.mjcf import DRAWN, FAR, unused_name
 from condyn_pin.io.shapes import Shape as Drawn
 from condyn_pin.io.shapes import shapes_of
 from condyn_pin.model.robot import Robot
@@ -63,10 +63,10 @@ def to_mjcf(
         raise InvalidArgument(f"contacts = {contacts!r}: a list of contacts is needed")
     touching = tuple(contacts)
     bind_contacts(robot, touching)
-    return RobotWriter(robot).write(_kept(robot, without), touching, shapes)
+    return RobotWriter(robot).write(_writable_loops(robot, without), touching, shapes)
 
 
-def _kept(robot: Robot, without: Iterable[str]) -> tuple[Constraint, ...]:
+def _writable_loops(robot: Robot, without: Iterable[str]) -> tuple[Constraint, ...]:
     """Loops to write; kinds that MuJoCo lacks are refused."""
     if isinstance(without, str) or not isinstance(without, Iterable):
         raise InvalidArgument(f"without = {without!r}: a list of names of loops is needed")
@@ -93,7 +93,7 @@ class RobotWriter:
     def __init__(self, robot: Robot) -> None:
         self.robot, self.model = robot, robot.model
         self.root = Element("mujoco", model=robot.name)
-        self.drawn = drawn(robot)
+        self.drawn = drawn_configuration(robot)
         self.on: dict[int, tuple[Element, Any]] = {}  # by joint: its body, and B⁻¹
         self.bodies: set[str] = set()
         self.sites: set[str] = set()
@@ -186,7 +186,7 @@ class RobotWriter:
 
     def fixed_tendon(self, name: str, weights: Mapping[str, float]) -> str:
         """Return the name of a new tendon: a weighted sum of joint coordinates."""
-        name = spare(name, {str(tendon.get("name")) for tendon in self._tendons()})
+        name = unused_name(name, {str(tendon.get("name")) for tendon in self._tendons()})
         tendon = SubElement(self._tendons(), "fixed", name=name)
         for joint, weight in weights.items():
             SubElement(tendon, "joint", joint=joint, coef=numbers(weight))
@@ -214,13 +214,13 @@ class RobotWriter:
         """Return the site of a frame; a body's or the world's own frame gets one."""
         if frame in self.sites:
             return frame
-        return self._add_site(spare(new, self.sites | self.bodies), *self.robot.frame(frame))
+        return self._add_site(unused_name(new, self.sites | self.bodies), *self.robot.frame(frame))
 
     def site_beside(self, frame: str, new: str, shift: Vector3) -> str:
         """Return a new site, shifted from a frame in its axes [m]."""
         i, placement = self.robot.frame(frame)
         shifted = placement * pin.SE3(np.eye(3), np.array(shift))
-        return self._add_site(spare(new, self.sites | self.bodies), i, shifted)
+        return self._add_site(unused_name(new, self.sites | self.bodies), i, shifted)
 
     def _add_geoms(self, contacts: tuple[Contact, ...], shapes: bool) -> None:
         """Write the visual shapes if `shapes`, and the unilateral contacts."""
@@ -243,7 +243,7 @@ class RobotWriter:
                 SubElement(actuator, "motor", said | {"gear": numbers(np.eye(6)[k])})
                 taken.add(said["name"])
         for motor in self.robot.coupled_motors:
-            name = spare(motor.name, taken)
+            name = unused_name(motor.name, taken)
             taken.add(name)
             said = {"name": name, "tendon": self.fixed_tendon(motor.name, motor.weights)}
             if motor.limits != (-inf, inf):
@@ -395,15 +395,18 @@ class GeomWriter:
             if self._assets is None:
                 self._assets = SubElement(self.to.root, "asset")
             name = f"mesh_{len(self._meshes)}"
-            said = {"name": name, "vertex": _short(vertices)}
+            said = {"name": name, "vertex": _short_numbers(vertices)}
             if faces is not None:
-                said |= {"face": _short(faces), "inertia": "shell"}  # what is drawn may be open
+                said |= {
+                    "face": _short_numbers(faces),
+                    "inertia": "shell",
+                }  # what is drawn may be open
             SubElement(self._assets, "mesh", said)
             self._meshes[key] = name
         return self._meshes[key]
 
 
-def _short(values: ArrayLike) -> str:
+def _short_numbers(values: ArrayLike) -> str:
     return " ".join(f"{x:.7g}" for x in np.asarray(values).ravel().tolist())
 
 
@@ -569,7 +572,7 @@ def _wxyz(rotation: Array) -> Array:
     return np.roll(pin.Quaternion(rotation).coeffs(), 1)
 
 
-def drawn(robot: Robot) -> Array:
+def drawn_configuration(robot: Robot) -> Array:
     """Return the configuration (nq,) in which an MJCF of the robot draws it.
 
     That of its posture ``qpos0``, which comes with every MJCF, else neutral. A ball has no `ref`:

@@ -219,7 +219,7 @@ def joint_of(words: Mapping[str, Any]) -> Any:
         raise ValueError(f"no joint type {kind!r} is known")
     numbers = {name: _numbers(name, words[name], n) for name, n in _MADE_OF[kind].items()}
     if kind == _ANY_ANGLE:
-        return _about(numbers["axis"])
+        return _hinge_about(numbers["axis"])
     values = (array if array.ndim else float(array) for array in numbers.values())
     return getattr(pin, _PREFIX + kind)(*values)
 
@@ -253,7 +253,7 @@ def _axis_of(joint: Any) -> Array:
     return axis
 
 
-def _about(axis: Array) -> Any:
+def _hinge_about(axis: Array) -> Any:
     """Hinge about an axis, its q being (cos, sin).
 
     Pinocchio makes one only from a URDF, and normalises its axis once more. So a URDF with another

@@ -21,11 +21,11 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import few
+from condyn_pin._core.arguments import short_list
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.files import parse_toml, read_text
 from condyn_pin.constraints.constraint import Constraint
-from condyn_pin.constraints.kinds import Loop, bind, worded
+from condyn_pin.constraints.kinds import Loop, bind, kinds_by_word
 from condyn_pin.constraints.rows.bound import gap_of
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
@@ -53,7 +53,7 @@ def read_alone(
     """Return the robot of a description without a robot.toml: a file, or a URDF's text."""
     if isinstance(source, Path):
         about = {} if model is None else {"model": model}
-        read, where = _read(source, about, root_joint, ()), str(source)
+        read, where = _read_description(source, about, root_joint, ()), str(source)
         of_file = {"source": where, "description": where}
     else:
         from condyn_pin.io.urdf import read_urdf
@@ -73,7 +73,7 @@ def _robot(config: Mapping[str, Any], folder: Path) -> Robot:
     file = description_file(description["file"], folder)
     root_joint = description.get("root_joint", "fixed")
     check_root_joint(root_joint)
-    read = _read(file, description, root_joint, config.get("actuated", ()))
+    read = _read_description(file, description, root_joint, config.get("actuated", ()))
     found, exclusions = _of_srdf(description, folder, read)
     for name, values in config.get("postures", {}).items():
         with place(f"postures.{name}"):
@@ -99,7 +99,7 @@ def _robot(config: Mapping[str, Any], folder: Path) -> Robot:
     return _with_notices(lock_joints(robot, description.get("lock", ())))
 
 
-def _read(
+def _read_description(
     file: Path, description: Mapping[str, Any], root_joint: str, actuated: Sequence[str]
 ) -> Description:
     """Description in a file, by the reader of its format, which is imported on demand."""
@@ -133,7 +133,7 @@ def _motors(config: Mapping[str, Any]) -> dict[str, Any]:
     return {
         "actuated": tuple(config.get("actuated", ())),
         "coupled_motors": [
-            _made(CoupledMotor, table, f"coupled_motors[{i}]") for i, table in tables
+            _value_of_table(CoupledMotor, table, f"coupled_motors[{i}]") for i, table in tables
         ],
     }
 
@@ -173,8 +173,8 @@ def _with_notices(robot: Robot) -> Robot:
     if names := [name for name, same in zip(limits.joints, equal, strict=True) if same]:
         said.insert(
             0,
-            f"the lower limit is the upper one ({few(names)}): loops are closed without moving "
-            "them, unless you pass within_limits=False; fix them, or give them a range",
+            f"the lower limit is the upper one ({short_list(names)}): loops are closed without "
+            "moving them, unless you pass within_limits=False; fix them, or give them a range",
         )
     return replace(robot, unused=(*robot.unused, *said)) if said else robot
 
@@ -269,18 +269,18 @@ def _check_file(description: Table) -> None:
 
 def loops_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
     """Return the loops that a config lists: a kind without its own class is one of `Loop`."""
-    known, made = worded(closes=True), []
+    known, made = kinds_by_word(closes=True), []
     for i, table in enumerate(tables):
         others = dict(table)
         kind = others.pop("kind", "")
         own = known.get(kind) if isinstance(kind, str) else None
-        made.append(_made(own or Loop, others if own else table, f"loops[{i}]"))
+        made.append(_value_of_table(own or Loop, others if own else table, f"loops[{i}]"))
     return tuple(made)
 
 
 def contacts_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
     """Return the contacts that a config lists."""
-    known, made = worded(closes=False), []
+    known, made = kinds_by_word(closes=False), []
     for i, table in enumerate(tables):
         where, others = f"contacts[{i}]", dict(table)
         kind = others.pop("kind", None)
@@ -288,11 +288,11 @@ def contacts_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
             raise InvalidModel(f"{where}: the entry 'kind' is missing: one of {', '.join(known)}")
         if not isinstance(kind, str) or kind not in known:
             raise InvalidModel(f"{where}: {unknown_name('kind of contact', str(kind), known)}")
-        made.append(_made(known[kind], others, where))
+        made.append(_value_of_table(known[kind], others, where))
     return tuple(made)
 
 
-def _made(kind: Callable[..., _Made], table: Table, where: str) -> _Made:
+def _value_of_table(kind: Callable[..., _Made], table: Table, where: str) -> _Made:
     """Return the value whose fields a table gives."""
     known = fields(kind)  # type: ignore[arg-type]
     needed = [f.name for f in known if f.default is MISSING and f.default_factory is MISSING]
@@ -342,7 +342,7 @@ def chosen_config(config: Mapping[str, Any], variant: Mapping[str, str]) -> dict
         value = variant.get(option, default)
         if value not in values:
             raise unknown_name(f"value of the variant {option!r}", value, values)
-        merged = _merged(merged, values[value], f"variants.{option}.{value}")
+        merged = _merged_tables(merged, values[value], f"variants.{option}.{value}")
         if value != default:
             other.append(f"{option} {value}")
     if other and isinstance(merged.get("name"), str):  # else `check_config` refuses it
@@ -375,7 +375,9 @@ def check_variant(variant: Any, options: Mapping[str, Any]) -> None:
             raise unknown_name("variant", option, options)
 
 
-def _merged(below: Mapping[str, Any], above: Mapping[str, Any], where: str) -> dict[str, Any]:
+def _merged_tables(
+    below: Mapping[str, Any], above: Mapping[str, Any], where: str
+) -> dict[str, Any]:
     """Table `below` with the entries of `above` merged over it."""
     merged = dict(below)
     for key, entry in above.items():
@@ -383,7 +385,7 @@ def _merged(below: Mapping[str, Any], above: Mapping[str, Any], where: str) -> d
         if any(isinstance(old, kind) != isinstance(entry, kind) for kind in (Mapping, list)):
             raise InvalidModel(f"the entry {where}.{key} = {entry!r} does not fit over {old!r}")
         if isinstance(old, Mapping):
-            merged[key] = _merged(old, entry, f"{where}.{key}")
+            merged[key] = _merged_tables(old, entry, f"{where}.{key}")
         elif (
             isinstance(old, list)
             and key in below

@@ -18,11 +18,11 @@ from os import PathLike
 from types import MappingProxyType
 from typing import Any, Final
 
-from condyn_pin._core.arguments import quoted
+from condyn_pin._core.arguments import quoted_names
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.io.description import Description, doubts
+from condyn_pin.io.description import Description, implausible_inertias
 from condyn_pin.io.sdf_file import Joint, Link, SdfModel, parse
 from condyn_pin.io.sdf_tree import (
     SdfTree,
@@ -136,7 +136,7 @@ def read_sdf(
         joints = tuple(joint for joint in chosen if joint.kind != "gearbox")
         geared = tuple(coupling_of(gearbox, joints) for gearbox in gearboxes)
         mimics = mimics_of(joints)
-        kept = _kept(links, joints, geared, mimics, actuated)
+        kept = _tree_joints(links, joints, geared, mimics, actuated)
         welds: tuple[Loop, ...] = ()
         if as_file:
             links, joints, welds = with_copies(links, joints)
@@ -159,9 +159,9 @@ def read_sdf(
             tree.model.gravity.linear = sdf.gravity
         settings: dict[str, list[str]] = {what: [] for what in (*_SMALL, *_LARGE)}
         for joint in (*joints, *gearboxes):
-            for what in _lost(joint, joint not in (*spanned.cut, *gearboxes)):
+            for what in _unused_settings(joint, joint not in (*spanned.cut, *gearboxes)):
                 settings[what].append(joint.name)
-        said = {what: f"{what}: {quoted(names)}" for what, names in settings.items() if names}
+        said = {what: f"{what}: {quoted_names(names)}" for what, names in settings.items() if names}
         return Description(
             tree.model,
             name=sdf.name,
@@ -176,16 +176,22 @@ def read_sdf(
                 *_unused_parts(sdf, kinds, drop, root_poses, idle),
                 *(
                     f"left out of <inertial>, and {value} here, as the format has it: "
-                    f"{quoted(found)}"
+                    f"{quoted_names(found)}"
                     for value, names in sdf.defaults.items()
                     if (found := [link.name for link in moving if link.name in names])
                 ),
                 *(text for what, text in said.items() if what in _SMALL),
-                *doubts((k.name, k.inertia.mass, k.inertia.inertia) for k in links if k.inertia),
+                *implausible_inertias(
+                    (k.name, k.inertia.mass, k.inertia.inertia) for k in links if k.inertia
+                ),
             ),
             unmodelled=(
                 *sdf.unmodelled,
-                *([f"links without gravity: {quoted(light)}; here they weigh"] if light else ()),
+                *(
+                    [f"links without gravity: {quoted_names(light)}; here they weigh"]
+                    if light
+                    else ()
+                ),
                 *(text for what, text in said.items() if what in _LARGE),
             ),
             lost_rows=sdf.lost_rows,
@@ -193,7 +199,7 @@ def read_sdf(
         )
 
 
-def _kept(
+def _tree_joints(
     links: Sequence[Link],
     joints: Sequence[Joint],
     geared: Sequence[Coupling],
@@ -229,7 +235,7 @@ def _unused_parts(
     """Parts of the file that are not in the model, a phrase for each kind."""
     yield from sdf.unread
     if drop:
-        yield f"joints left out: {quoted(drop)}"
+        yield f"joints left out: {quoted_names(drop)}"
     changed = [
         f"{joint.name!r} ({joint.kind} as {kinds[joint.name]})"
         for joint in sdf.joints
@@ -238,12 +244,12 @@ def _unused_parts(
     if changed:
         yield f"joint types of the file: {', '.join(changed)}"
     if idle:
-        yield f"joints between links that cannot move against each other: {quoted(idle)}"
+        yield f"joints between links that cannot move against each other: {quoted_names(idle)}"
     if any(not pose.isIdentity() for pose in root_poses):
         yield "pose of the root link in the file: the root joint's configuration replaces it"
 
 
-def _lost(joint: Joint, hanging: bool) -> Iterator[str]:
+def _unused_settings(joint: Joint, hanging: bool) -> Iterator[str]:
     """Unused settings of a joint, `hanging` in the tree or cut."""
     axis, bound = joint.axis, joint.has_axis
     limited = axis.lower > -inf or axis.upper < inf

@@ -21,7 +21,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import quoted
+from condyn_pin._core.arguments import quoted_names
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.description import tensor
@@ -231,7 +231,7 @@ def parse(path: str | PathLike[str], name: str | Sequence[str] | None) -> SdfMod
     defaults: dict[str, list[str]] = defaultdict(list)
     links = [_link(part, each, poses, defaults) for each, part in tagged["link"].items()]
     unmodelled = {
-        what: f"{what}: {quoted(short.get(name, name) for name in dict.fromkeys(names))}"
+        what: f"{what}: {quoted_names(short.get(name, name) for name in dict.fromkeys(names))}"
         for what, names in _unmodelled(chosen, parts).items()
     }
     return SdfModel(
@@ -250,7 +250,7 @@ def parse(path: str | PathLike[str], name: str | Sequence[str] | None) -> SdfMod
         },
         gravity=chosen.gravity,
         defaults={value: [short[each] for each in names] for value, names in defaults.items()},
-        unread=(*chosen.unused, *_unread(chosen, parts, schema)),
+        unread=(*chosen.unused, *_unread_elements(chosen, parts, schema)),
         unmodelled=tuple(unmodelled.values()),
         lost_rows=tuple(text for what, text in unmodelled.items() if what in _CLOSURES),
         exclusions=frozenset(
@@ -279,14 +279,14 @@ def _roots(chosen: Chosen, parts: Mapping[str, Part]) -> list[Element]:
     return list({id(model): model for model in (chosen.model.model, *inner)}.values())
 
 
-def _unread(chosen: Chosen, parts: Mapping[str, Part], schema: Schema) -> Iterator[str]:
+def _unread_elements(chosen: Chosen, parts: Mapping[str, Part], schema: Schema) -> Iterator[str]:
     """Elements of the world and the models that are not read, and idle plugins, as sentences."""
     schema.count(chosen.world, (*_OF_WORLD, *_changing("world")))
     for root in _roots(chosen, parts):
         schema.count(root, (*_OF_MODEL, *_changing("model")))
     yield from schema.not_read()
-    if idle := [_named(p) for p in _plugins(chosen, parts) if not _drives(p)]:
-        yield f"plugins: {quoted(idle)}"
+    if idle := [_plugin_name(p) for p in _plugins(chosen, parts) if not _drives(p)]:
+        yield f"plugins: {quoted_names(idle)}"
 
 
 def _changing(tag: str) -> Iterable[str]:
@@ -303,9 +303,11 @@ def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> dict[str, list[str
     for name, element in places:
         for path, what in _CHANGES.get(element.tag, {}).items():
             spaced = path.startswith("{*}")  # which matches no namespace, too
-            if any(_says(e) for e in element.findall(path) if e.tag.startswith("{") or not spaced):
+            if any(
+                _has_effect(e) for e in element.findall(path) if e.tag.startswith("{") or not spaced
+            ):
                 found[what].append(name)
-    if driving := [_named(p) for p in _plugins(chosen, parts) if _drives(p)]:
+    if driving := [_plugin_name(p) for p in _plugins(chosen, parts) if _drives(p)]:
         found["plugins that may drive it or push"] = driving
     return found
 
@@ -322,7 +324,7 @@ def _exclusions(links: Mapping[str, Part]) -> frozenset[frozenset[str]]:
     return frozenset(frozenset(names) for names in apart.values() if len(names) > 1)
 
 
-def _says(element: Element) -> bool:
+def _has_effect(element: Element) -> bool:
     """True if an element has a value other than zero and false."""
     return len(element) > 0 or any(
         word.lower() != "false" and word.strip("+-0.") != ""
@@ -337,7 +339,7 @@ def _plugins(chosen: Chosen, parts: Mapping[str, Part]) -> list[Element]:
     return list({id(plugin): plugin for plugin in plugins}.values())
 
 
-def _named(plugin: Element) -> str:
+def _plugin_name(plugin: Element) -> str:
     return plugin.get("name", "") or plugin.get("filename", "")
 
 
@@ -380,7 +382,7 @@ def _link(
 def _joint(part: Part, name: str, poses: Mapping[str, Any], link_of: Mapping[str, str]) -> Joint:
     """Return the joint that an element describes."""
     element = part.element
-    parent, child = (_end(part, end, link_of) for end in ("parent", "child"))
+    parent, child = (_joint_end(part, end, link_of) for end in ("parent", "child"))
     if child in (WORLD, parent):
         raise InvalidModel(f"{label(element)}: joins {parent!r} to {child!r}; name another child")
     geared = element.find("gearbox_reference_body") is not None
@@ -397,7 +399,7 @@ def _joint(part: Part, name: str, poses: Mapping[str, Any], link_of: Mapping[str
     )
 
 
-def _end(part: Part, tag: str, link_of: Mapping[str, str]) -> str:
+def _joint_end(part: Part, tag: str, link_of: Mapping[str, str]) -> str:
     name = part.word(tag)
     if name not in link_of:
         known = unknown_name("link", name, link_of)
@@ -412,7 +414,7 @@ def _gear(part: Part, link_of: Mapping[str, str]) -> Gear:
             f"{label(part.element)}: <gearbox_ratio> is 0, which holds the child still; "
             "write the ratio, or make its hinge fixed"
         )
-    return Gear(ratio, _end(part, "gearbox_reference_body", link_of))
+    return Gear(ratio, _joint_end(part, "gearbox_reference_body", link_of))
 
 
 def _pitch(joint: Element) -> float:

@@ -29,7 +29,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import quoted
+from condyn_pin._core.arguments import quoted_names
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName, unknown_name
 from condyn_pin.io.xml import find, floats, label, open_xml, place
@@ -110,7 +110,7 @@ class Files:
         homes = [next(w for candidate, w in found if candidate is model) for model in taken]
         home, model = homes[0], taken[0]
         if any(other is not home for other in homes):
-            said = quoted(each.name for each in taken)
+            said = quoted_names(each.name for each in taken)
             raise InvalidModel(f"the models {said} are in different worlds; choose of one")
         if home is sdf and len(worlds) == 1:
             home = worlds[0]
@@ -123,7 +123,7 @@ class Files:
             "other models": moving,
             "includes without a model, or not in the folder of the file": lost,
         }
-        unused = [f"{what}: {quoted(each)}" for what, each in about.items() if each]
+        unused = [f"{what}: {quoted_names(each)}" for what, each in about.items() if each]
         gravity = None
         if home.tag == "world":
             gravity, given = _gravity(home, _version(sdf))
@@ -214,17 +214,17 @@ def _choice(models: list[Placed], lost: list[str], name: str | None) -> Placed:
     else:
         raise unknown_name("model", name, names)
     if len(found) > 1:
-        moving = quoted(model.name for model in found[:8]) + ", ..." * (len(found) > 8)
+        moving = quoted_names(model.name for model in found[:8]) + ", ..." * (len(found) > 8)
         raise InvalidModel(
             f"the file has the models {moving}, which can move; choose one with model="
             f"{found[0].name!r}, or several, model=[...]"
             + ("" if name is None else "; rename those of one name")
         )
     if not models:
-        included = f", but <include> {quoted(lost)}, not found in its folder" if lost else ""
+        included = f", but <include> {quoted_names(lost)}, not found in its folder" if lost else ""
         raise InvalidModel(f"the file has no <model>{included}; one that moves is needed")
     if not found or found[0].static:
-        still = quoted(model.name for model in (found or models)[:8])
+        still = quoted_names(model.name for model in (found or models)[:8])
         raise InvalidModel(
             f"<static> models do not move: {still}; take <static> out of the one that is the robot"
         )
@@ -500,18 +500,18 @@ def _chain(
     while name not in ends:
         if base.get(name) not in base and base.get(name) not in ends:
             known = unknown_name("link or frame", base.get(name, name), base)
-            raise InvalidModel(f"{_said(name, parts)}: {known}")
+            raise InvalidModel(f"{_names_text(name, parts)}: {known}")
         name = base[name]
         if name in chain:
             raise InvalidModel(
-                f"{_said(name, parts)}: {' -> '.join([*chain, name])} are placed in a circle; "
-                "place one of them in the model"
+                f"{_names_text(name, parts)}: {' -> '.join([*chain, name])} are placed in a "
+                "circle; place one of them in the model"
             )
         chain[name] = None
     return list(chain)
 
 
-def _said(name: str, parts: Mapping[str, Part]) -> str:
+def _names_text(name: str, parts: Mapping[str, Part]) -> str:
     return label(parts[name].element) if name in parts else f"<model> {name!r}"
 
 

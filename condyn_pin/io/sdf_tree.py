@@ -50,7 +50,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import dry_friction, pin, set_dry_friction
-from condyn_pin._core.arguments import quoted
+from condyn_pin._core.arguments import quoted_names
 from condyn_pin._core.joints import z_along
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop, LoopKind
@@ -169,7 +169,7 @@ def mimics_of(joints: Sequence[Joint]) -> tuple[Coupling, ...]:
         couplings.append(Coupling(name, leader, mimic.ratio, mimic.offset))
     if circle := circle_of({c.joints[0]: c.joints[1] for c in couplings}):
         raise InvalidModel(
-            f"the joints {quoted(circle)} mimic each other in a circle; let one of them lead"
+            f"the joints {quoted_names(circle)} mimic each other in a circle; let one of them lead"
         )
     return tuple(couplings)
 
@@ -290,8 +290,8 @@ def span(
     lost = [link.name for link in sdf.links if link.name not in reached]
     if lost:
         raise InvalidModel(
-            f"no joint leads from {trees[0][0]!r} to the links {quoted(lost)}: add a joint that "
-            "connects them, or leave them out of the file"
+            f"no joint leads from {trees[0][0]!r} to the links {quoted_names(lost)}: add a joint "
+            "that connects them, or leave them out of the file"
         )
     opened = tuple(joint for joint in joints if joint.name not in names)
     _check_cuts(names, opened, kept, cut)
@@ -305,7 +305,7 @@ def _anchored(sdf: SdfModel, joints: Sequence[Joint], root: str | None, floating
         raise unknown_name("link", root, links)
     anchors = [joint for joint in joints if joint.parent == WORLD]
     if anchors:
-        names = quoted([joint.name for joint in anchors])
+        names = quoted_names([joint.name for joint in anchors])
         if floating:
             raise InvalidModel(
                 f"the joints {names} attach the model to the world: leave them out with drop, or "

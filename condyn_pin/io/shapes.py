@@ -87,7 +87,7 @@ def _shape(
     size: tuple[float, ...] = (1.0, 1.0, 1.0)
     if form.tag == "mesh":
         uri = form.get("filename") or form.findtext("uri") or ""
-        file = _found(path, uri, package_dirs)
+        file = _file_of_uri(path, uri, package_dirs)
         size = _numbers(form.get("scale") or form.findtext("scale"), size)
     elif form.tag == "box":
         size = _numbers(form.get("size") or form.findtext("size"), size)
@@ -122,7 +122,7 @@ def _numbers(text: str | None, otherwise: tuple[float, ...]) -> tuple[float, ...
     return tuple(float(word) for word in text.split()) if text else otherwise
 
 
-def _found(path: Path, uri: str, package_dirs: Sequence[str]) -> Path:
+def _file_of_uri(path: Path, uri: str, package_dirs: Sequence[str]) -> Path:
     """Return the file that a description means by a URI.
 
     ``package://a/b/c.stl`` is c.stl in a folder a/b that lies in one of the package folders, beside

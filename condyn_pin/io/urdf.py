@@ -28,7 +28,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import few, quoted
+from condyn_pin._core.arguments import quoted_names, short_list
 from condyn_pin._core.joints import UNLIMITED
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
@@ -39,18 +39,18 @@ from condyn_pin.io.description import (
     Description,
     check_root_joint,
     circle_of,
-    doubts,
+    implausible_inertias,
     tensor,
 )
 from condyn_pin.io.urdf_loops import (
     Beside,
-    alone,
-    along,
     close,
     closings,
     cuts_of,
     link_at,
     read_beside,
+    rotation_onto,
+    unpaired_halves,
 )  # fmt: skip
 from condyn_pin.io.xml import Schema, Tag, check_counts, label, open_xml, place
 from condyn_pin.model.smaller import copy_numbers
@@ -138,7 +138,10 @@ class _Reader:
             raise InvalidModel("<robot> has no name; give it one")
         self._file, self._schema, self._beside = robot, Schema(_TAGS), beside
         self.robot = self._schema.checked(robot)
-        self.links, self.joints = _named(self.robot, "link"), _named(self.robot, "joint")
+        self.links, self.joints = (
+            _elements_by_name(self.robot, "link"),
+            _elements_by_name(self.robot, "joint"),
+        )
         if not self.links:
             raise InvalidModel("<robot> has no <link>; at least one is needed")
         moving = sum(joint.get("type") != "fixed" for joint in self.joints.values())
@@ -248,8 +251,8 @@ class _Reader:
             leaders[name] = leader
         if circle := circle_of(leaders):
             raise InvalidModel(
-                f"{label(self.joints[circle[0]])}: <mimic>: the joints {quoted(circle)} mimic each "
-                "other in a circle; let one of them lead"
+                f"{label(self.joints[circle[0]])}: <mimic>: the joints {quoted_names(circle)} "
+                "mimic each other in a circle; let one of them lead"
             )
         return leaders
 
@@ -283,7 +286,7 @@ class _Reader:
                 joint.set("type", "revolute")
             if (axis := joint.find("axis")) is not None and joint.get("type") != "fixed":
                 with place(label(joint)):
-                    along(axis)
+                    rotation_onto(axis)
             for mimic in joint.findall("mimic"):
                 joint.remove(mimic)
             copy.append(joint)
@@ -366,34 +369,34 @@ class _Reader:
         joints = [*self.joints.values(), *self.cut.values()]
         still = [joint for joint in joints if joint.get("type") == "fixed"]
         moving = [joint for joint in joints if joint not in still]
-        if damped := _having(moving, "dynamics", "damping"):
-            yield f"joint damping ({few(damped)}): add Robot.passive_torque to tau"
-        if rubbed := _having(moving, "dynamics", "friction"):
-            yield f"joint friction ({few(rubbed)})"
-        if limited := _having(moving, "limit"):
+        if damped := _joints_with(moving, "dynamics", "damping"):
+            yield f"joint damping ({short_list(damped)}): add Robot.passive_torque to tau"
+        if rubbed := _joints_with(moving, "dynamics", "friction"):
+            yield f"joint friction ({short_list(rubbed)})"
+        if limited := _joints_with(moving, "limit"):
             yield f"limits of position, velocity and effort ({len(limited)} joints)"
-        if mimics := _having(still, "mimic"):
-            yield f"mimic of fixed joints ({few(mimics)})"
+        if mimics := _joints_with(still, "mimic"):
+            yield f"mimic of fixed joints ({short_list(mimics)})"
         yield from self._schema.not_read()
-        if mimics := _having(moving, "mimic"):
+        if mimics := _joints_with(moving, "mimic"):
             what = "couplings of Robot.loops, which hold in scenes that contain them"
             what = what if self.leaders else "these joints move on their own"
-            yield f"mimic ({few(mimics)}): {what}"
+            yield f"mimic ({short_list(mimics)}): {what}"
         if self.free:
             yield (
-                f"<limit> without lower and upper ({few(self.free)}): without bounds here; the "
-                "format has 0 to 0, which locks them"
+                f"<limit> without lower and upper ({short_list(self.free)}): without bounds here; "
+                "the format has 0 to 0, which locks them"
             )
         for kind in ("ball", "weld"):
             if names := [loop.name for loop in cuts if loop.called == kind]:
                 yield (
-                    f"the kind of the joints cut at {few(names)}: {kind}s here, unless [[loops]] "
-                    "of a robot.toml name the same two frames"
+                    f"the kind of the joints cut at {short_list(names)}: {kind}s here, unless "
+                    "[[loops]] of a robot.toml name the same two frames"
                 )
-        for name, reason in alone(self.links, self.joints):
+        for name, reason in unpaired_halves(self.links, self.joints):
             what = "link" if name in self.links else "joint"
             yield f"{what} {name!r}: {reason}, so it closes nothing"
-        yield from doubts(_bodies(self.links))
+        yield from implausible_inertias(_bodies(self.links))
 
     def _unmodelled(self) -> Iterator[str]:
         """Unmodelled effects on the motion, of Gazebo and of cut joints, a phrase each."""
@@ -406,11 +409,11 @@ class _Reader:
                 if {*" ".join(said.itertext()).lower().split()} - {*_NOTHING[tag]}
             ]
             if where:
-                yield f"<{tag}> of <gazebo> ({few(where)})"
+                yield f"<{tag}> of <gazebo> ({short_list(where)})"
         changed = [gazebo.attrib["reference"] for gazebo in gazebos
                    if gazebo.get("reference") and gazebo.find("joint") is not None]  # fmt: skip
         if changed:
-            yield f"<joint> of <gazebo>, which changes a joint ({few(changed)})"
+            yield f"<joint> of <gazebo>, which changes a joint ({short_list(changed)})"
         plugins = [plugin for gazebo in gazebos for plugin in gazebo.findall("plugin")]
         coupled = {j.get("name") for j in self._file.findall("joint[mimic]")}
         acting = [
@@ -420,7 +423,7 @@ class _Reader:
             and coupled.isdisjoint(e.text for e in plugin.iter())
         ]
         if acting:
-            yield f"plugins that may drive it or push ({few(acting)})"
+            yield f"plugins that may drive it or push ({short_list(acting)})"
         yield from self._others(_OF_OTHERS)
         for name, joint in self.cut.items():
             found = joint.find("dynamics")
@@ -434,7 +437,7 @@ class _Reader:
         yield from (f"<{tag}> ({found[tag]})" for tag in tags if found[tag])
 
 
-def _named(robot: Element, tag: str) -> dict[str, Element]:
+def _elements_by_name(robot: Element, tag: str) -> dict[str, Element]:
     """Return elements by name, in the order of the file."""
     found: dict[str, Element] = {}
     for element in robot.findall(tag):
@@ -447,7 +450,7 @@ def _named(robot: Element, tag: str) -> dict[str, Element]:
     return found
 
 
-def _having(joints: Iterable[Element], tag: str, key: str = "") -> list[str]:
+def _joints_with(joints: Iterable[Element], tag: str, key: str = "") -> list[str]:
     """Return the joints with an element, or with an attribute of it other than zero."""
     found = ((joint.attrib["name"], joint.find(tag)) for joint in joints)
     return [
@@ -494,7 +497,7 @@ def _turn_planes(model: Any, joints: Mapping[str, Element]) -> None:
         if joint.get("type") != "planar":
             continue
         i = model.getJointId(name)
-        R = along(joint.find("axis"))
+        R = rotation_onto(joint.find("axis"))
         model.jointPlacements[i] = model.jointPlacements[i] * R
         model.inertias[i] = R.actInv(model.inertias[i])
         for k in range(i + 1, model.njoints):

@@ -44,7 +44,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import few, listed
+from condyn_pin._core.arguments import listed, short_list
 from condyn_pin._core.files import parse_toml, written_out
 from condyn_pin._core.joints import z_along
 from condyn_pin.constraints.loop import Loop, LoopKind, axis_of
@@ -77,7 +77,7 @@ def cuts_of(robot: Element, beside: Iterable[Element]) -> Iterator[Cut]:
         if find(joint, "mimic") is not None:
             raise InvalidModel(f"{label(joint)}: it closes a loop, and cannot mimic another joint")
         placed = _origin(joint, "origin") or pin.SE3.Identity()
-        turn = along(find(joint, "axis"))
+        turn = rotation_onto(find(joint, "axis"))
         yield _cut(joint, _ends(joint), placed * turn, turn, oriented=True)
     for tag in ("loop_joint", "constraint"):
         for element in robot.findall(tag):
@@ -117,7 +117,7 @@ def _by_two_origins(element: Element) -> Cut:
     halves = element.findall("link1") + element.findall("link2")
     if len(halves) == 2:
         links = halves[0].get("link", ""), halves[1].get("link", "")
-        one, two = (_placed(half) for half in halves)
+        one, two = (_placement_of(half) for half in halves)
     else:
         links = _ends(element)
         one, two = (_origin(element, f"{end}_origin") for end in ("parent", "child"))
@@ -127,11 +127,11 @@ def _by_two_origins(element: Element) -> Cut:
         )
     axis, other = find(element, "parent_axis"), find(element, "child_axis")
     axis = find(element, "axis") if axis is None else axis
-    turn = along(axis)
+    turn = rotation_onto(axis)
     if axis is not None and axis.get("frame") == "parent" and one is not None:
         turn = pin.SE3(one.rotation.T, np.zeros(3)) * turn  # the axis is in the link, not in one
     if two is not None and (other is not None or one is None):
-        two = two * along(axis if other is None else other)
+        two = two * rotation_onto(axis if other is None else other)
     one = None if one is None else one * turn
     return _cut(element, links, one, two, oriented=one is None or other is not None)
 
@@ -140,7 +140,7 @@ def _of_gazebo(joint: Element) -> Cut:
     pose, axis = find(joint, "pose"), find(joint, "axis/xyz")
     x = np.zeros(6) if pose is None else floats(pose.text, 6, f"{label(joint)}: <pose>")
     placed = pin.SE3(pin.rpy.rpyToMatrix(*x[3:]), x[:3])
-    turn = along(Element("axis", xyz="0 0 1" if axis is None else axis.text or ""))
+    turn = rotation_onto(Element("axis", xyz="0 0 1" if axis is None else axis.text or ""))
     links = joint.findtext("parent", "").strip(), joint.findtext("child", "").strip()
     return _cut(joint, links, None, placed * turn, oriented=True)
 
@@ -161,17 +161,17 @@ def _ends(element: Element) -> tuple[str, str]:
 def _origin(element: Element, tag: str) -> Any:
     """Return the placement in <tag xyz= rpy=> below an element; None if there is none."""
     origin = find(element, tag)
-    return None if origin is None else _placed(origin)
+    return None if origin is None else _placement_of(origin)
 
 
-def _placed(origin: Element) -> Any:
+def _placement_of(origin: Element) -> Any:
     xyz, rpy = (
         floats(origin.get(key, "0 0 0"), 3, f"<{origin.tag} {key}>") for key in ("xyz", "rpy")
     )
     return pin.SE3(pin.rpy.rpyToMatrix(*rpy), xyz)
 
 
-def along(axis: Element | None) -> Any:
+def rotation_onto(axis: Element | None) -> Any:
     """Return the least rotation of z onto an <axis xyz=>."""
     xyz = floats(_AXIS if axis is None else axis.get("xyz", _AXIS), 3, "<axis xyz>")
     if not xyz.any():
@@ -201,7 +201,7 @@ def closings(links: Iterable[str], joints: Iterable[str]) -> Iterator[Loop]:
         yield Loop(first, second, "ball" if point else "weld", name=name)
 
 
-def alone(links: Iterable[str], joints: Iterable[str]) -> Iterator[tuple[str, str]]:
+def unpaired_halves(links: Iterable[str], joints: Iterable[str]) -> Iterator[tuple[str, str]]:
     """Yield the names that look like halves of a loop and close nothing, with the reason."""
     links, joints = set(links), set(joints)
     used = {end for loop in closings(links, joints) for end in (loop.frame_a, loop.frame_b)}
@@ -258,7 +258,7 @@ class Beside:
             by_kind: dict[str, list[str]] = {}
             for name, kind in self.joints.items():
                 by_kind.setdefault(kind, []).append(name)
-            made = "; ".join(f"{kind} ({few(names)})" for kind, names in by_kind.items())
+            made = "; ".join(f"{kind} ({short_list(names)})" for kind, names in by_kind.items())
             yield f"axes, limits, damping and friction of joints that {self.path.name} makes {made}"
         if self.unread:
             yield f"entries of {self.path.name} that are not read: {listed(self.unread)}"
@@ -272,7 +272,7 @@ def read_beside(urdf: Path) -> Beside:
         with place(path):
             said = _entries(path)
             if said.keys() & set(_OWN):
-                return _beside(path, said)
+                return _read_beside(path, said)
     return Beside()
 
 
@@ -320,8 +320,8 @@ def _entries(path: Path) -> Mapping[str, Any]:
     return said if isinstance(said, dict) else {}
 
 
-def _beside(path: Path, said: Mapping[str, Any]) -> Beside:
-    joints, types = (_words(said, key) for key in ("joint_name", "joint_type"))
+def _read_beside(path: Path, said: Mapping[str, Any]) -> Beside:
+    joints, types = (_texts_of(said, key) for key in ("joint_name", "joint_type"))
     if len(joints) != len(types) or len(set(joints)) != len(joints):
         raise InvalidModel(
             f"joint_name has {len(joints)} names, {len(set(joints))} of them different, and "
@@ -333,7 +333,7 @@ def _beside(path: Path, said: Mapping[str, Any]) -> Beside:
     return Beside(
         path=path,
         loops=tuple(_loops(said)) if "closed_loop" in said else None,
-        motors=_words(said, "name_mot"),
+        motors=_texts_of(said, "name_mot"),
         joints={name: kind.upper() for name, kind in zip(joints, types, strict=True)},
         unread=tuple(str(key) for key in said if key not in _KEYS),
     )
@@ -346,7 +346,7 @@ def _loops(said: Mapping[str, Any]) -> list[Loop]:
         for pair in pairs
     ):
         raise InvalidModel(f"closed_loop = {shortened(pairs)}: a list of pairs of frames is needed")
-    kinds = _words(said, "type") if "type" in said else ("6D",) * len(pairs)
+    kinds = _texts_of(said, "type") if "type" in said else ("6D",) * len(pairs)
     if len(kinds) == 1:  # one for all
         kinds *= len(pairs)
     if len(kinds) != len(pairs):
@@ -382,7 +382,7 @@ def _kind(text: str) -> dict[str, Any]:
     raise InvalidModel(f"{text!r}: {said_of}")
 
 
-def _words(said: Mapping[str, Any], key: str) -> tuple[str, ...]:
+def _texts_of(said: Mapping[str, Any], key: str) -> tuple[str, ...]:
     words = said.get(key, [])
     words = [words] if isinstance(words, str) else words
     if not isinstance(words, list) or not all(isinstance(word, str) for word in words):

@@ -113,7 +113,7 @@ def check_counts(links: int, joints: int) -> None:
             raise InvalidModel(f"{count} {what} found; at most {most} can be read")
 
 
-def shown(text: str) -> str:
+def quoted_text(text: str) -> str:
     """Return a text for an error: in quotes, and shortened."""
     if len(text) <= _SHOWN:
         return repr(text)
@@ -123,7 +123,7 @@ def shown(text: str) -> str:
 def label(element: Element) -> str:
     """Return the name of an element in error texts: its tag, and its attribute `name`."""
     name = element.get("name")
-    return f"<{element.tag}>" if name is None else f"<{element.tag}> {shown(name)}"
+    return f"<{element.tag}>" if name is None else f"<{element.tag}> {quoted_text(name)}"
 
 
 def find(element: Element, path: str) -> Element | None:
@@ -152,7 +152,7 @@ def _numbers(text: str | None, count: int, where: str, infinite: bool) -> list[f
     fits = len(values) == len(words) == count
     if fits and not any(isnan(x) or (abs(x) >= UNLIMITED and not infinite) for x in values):
         return values
-    given = "None" if text is None else shown(text)
+    given = "None" if text is None else quoted_text(text)
     if not fits:
         raise InvalidModel(f"{where} is {given}; {count} number(s) are needed")
     raise InvalidModel(f"{where} is {given}; finite numbers are needed, less than 1e16")
@@ -192,26 +192,26 @@ class Schema:
         for key, value in element.attrib.items():
             if count := tag.numbers.get(key, 0):
                 said = f"{where}: <{element.tag} {key}>"
-                copy.set(key, _spelled(value, count, said, tag.infinite))
+                copy.set(key, _parsed_numbers(value, count, said, tag.infinite))
             elif key in words or tag.words == "*":
                 copy.set(key, value)
             else:
-                self.attributes[f"{_short(key)} of <{element.tag}>"] += 1
+                self.attributes[f"{_local_name(key)} of <{element.tag}>"] += 1
         for key in tag.needed.split():
             if key not in element.attrib:
                 floats(None, tag.numbers[key], f"{where}: <{element.tag} {key}>")
         copy.text = element.text
         if tag.text:
-            copy.text = _spelled(element.text, tag.text, f"{where}: <{path}>", tag.infinite)
+            copy.text = _parsed_numbers(element.text, tag.text, f"{where}: <{path}>", tag.infinite)
         for child in element:
-            name = _anywhere(child.tag)
+            name = _any_namespace(child.tag)
             if name in seen:
                 count = len(element.findall(child.tag))
                 raise InvalidModel(f"{where}: <{child.tag}> is there {count} times; keep one")
             if name in one:
                 seen.add(name)
             elif name not in many:
-                self.elements[f"<{_short(name)}>"] += 1
+                self.elements[f"<{_local_name(name)}>"] += 1
                 continue
             if child.tag in self._tags and not tag.raw:
                 named = "name" in child.attrib
@@ -223,8 +223,8 @@ class Schema:
     def count(self, element: Element, known: Container[str]) -> None:
         """Count the unknown children of an unchecked element."""
         for child in element:
-            if _anywhere(child.tag) not in known:
-                self.elements[f"<{_short(child.tag)}>"] += 1
+            if _any_namespace(child.tag) not in known:
+                self.elements[f"<{_local_name(child.tag)}>"] += 1
 
     def not_read(self) -> Iterator[str]:
         """Yield the elements and attributes that were not read, with counts, as sentences."""
@@ -234,16 +234,16 @@ class Schema:
                 yield f"{what} that are not read: {listed}"
 
 
-def _spelled(text: str | None, count: int, where: str, infinite: bool) -> str:
+def _parsed_numbers(text: str | None, count: int, where: str, infinite: bool) -> str:
     """Numbers of a text in Python's spelling, which every reader accepts."""
     return " ".join(map(repr, _numbers(text, count, where, infinite)))
 
 
-def _anywhere(tag: str) -> str:
+def _any_namespace(tag: str) -> str:
     """Tag with its namespace, if any, replaced by ``{*}``."""
-    return "{*}" + _short(tag) if tag.startswith("{") else tag
+    return "{*}" + _local_name(tag) if tag.startswith("{") else tag
 
 
-def _short(name: str) -> str:
+def _local_name(name: str) -> str:
     """Name without its namespace."""
     return name.rpartition("}")[2]

@@ -57,7 +57,9 @@ def _both_ways(of: StateMap) -> Callable[..., Arrays]:
         shapes = of.shapes(state)
         numbers = sum(map(prod, shapes))
         size = of.x_size + of.y_size
-        x, y, A = _called(of, of.linear, state, ((of.x_size,), (of.y_size,), (size, numbers)))
+        x, y, A = _call_function(
+            of, of.linear, state, ((of.x_size,), (of.y_size,), (size, numbers))
+        )
         flat = [
             step.reshape(*step.shape[: step.ndim - len(shape)], prod(shape))
             for step, shape in zip(steps, shapes, strict=True)
@@ -77,7 +79,7 @@ def _backward(of: LayerMap) -> Callable[..., Arrays]:
         return _value(of, *inputs), inputs
 
     def back(inputs: Arrays, by: Arrays) -> Arrays:
-        return _called(of, of.vjp, (*inputs, *by), of.shapes(inputs))
+        return _call_function(of, of.vjp, (*inputs, *by), of.shapes(inputs))
 
     found: Any = jax.custom_vjp(partial(_value, of))
     found.defvjp(begun, back)
@@ -85,10 +87,10 @@ def _backward(of: LayerMap) -> Callable[..., Arrays]:
 
 
 def _value(of: LayerMap, *inputs: Any) -> Arrays:
-    return _called(of, of.value, inputs, of.outputs(of.shapes(inputs)))
+    return _call_function(of, of.value, inputs, of.outputs(of.shapes(inputs)))
 
 
-def _called(of: LayerMap, function: Any, arrays: Arrays, shapes: Sequence[Shape]) -> Arrays:
+def _call_function(of: LayerMap, function: Any, arrays: Arrays, shapes: Sequence[Shape]) -> Arrays:
     """Values of a map's function for arrays; for arrays that jax traces, by a callback."""
     first = next(iter(of.inputs.values()))
     leading = arrays[0].shape[: arrays[0].ndim - len(first)]

@@ -24,13 +24,13 @@ class TorchLayer(Layer):
         self, q: Tensor, v: Tensor, tau: Tensor, *parameters: Tensor
     ) -> tuple[Tensor, Tensor]:
         """Return x and y."""
-        call = _called
+        call = _call_function
         if torch.compiler.is_dynamo_compiling():  # which cannot look into Pinocchio
-            call = torch.compiler.disable(_called)
+            call = torch.compiler.disable(_call_function)
         return call(self._of, q, v, tau, *parameters)
 
 
-def _called(of: LayerMap, *tensors: Tensor) -> tuple[Tensor, Tensor]:
+def _call_function(of: LayerMap, *tensors: Tensor) -> tuple[Tensor, Tensor]:
     for name, tensor in zip(of.inputs, tensors, strict=False):
         _check(name, tensor)
     axes = of.leading([tuple(each.shape) for each in tensors])

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import check_count, checked, normalised
+from condyn_pin._core.arguments import check_count, checked_names, normalised
 from condyn_pin._core.arrays import Array, finite_rows
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
@@ -47,7 +47,7 @@ def assemble(
     robot.check_unedited()
     start = normalised(robot.model, "q", q0)
     check_count("budget", budget)
-    held = indices(robot.model, checked("fixed", fixed, robot.joints, "joint"))[1]
+    held = indices(robot.model, checked_names("fixed", fixed, robot.joints, "joint"))[1]
     if within_limits:
         check_held("fixed", chains.limits, start, held)
     if branch is not None:
@@ -154,7 +154,7 @@ def best_end(
     iterations, stopped = 0, False
     for end in closer.ends(start):
         iterations += end.iterations
-        if end.size <= tolerances.CLOSED and not _across(on, chains.branch(end.J)):
+        if end.size <= tolerances.CLOSED and not _differing_clusters(on, chains.branch(end.J)):
             return replace(end, iterations=iterations), AssemblyStatus.CLOSED, ()
         if best is None or (best.size > tolerances.CLOSED and end.size <= best.size):
             best = end
@@ -163,12 +163,12 @@ def best_end(
     assert best is not None
     best = replace(best, iterations=iterations)
     if best.size <= tolerances.CLOSED:
-        return best, AssemblyStatus.BRANCH_CHANGED, _across(on, chains.branch(best.J))
+        return best, AssemblyStatus.BRANCH_CHANGED, _differing_clusters(on, chains.branch(best.J))
     status = AssemblyStatus.UNREACHABLE if best.stationary else AssemblyStatus.STALLED
     return best, AssemblyStatus.OUT_OF_BUDGET if stopped else status, ()
 
 
-def _across(one: Mapping[str, int], other: Mapping[str, int]) -> tuple[str, ...]:
+def _differing_clusters(one: Mapping[str, int], other: Mapping[str, int]) -> tuple[str, ...]:
     """Return the clusters that two branches have on different sides of a dead point."""
     return tuple(name for name, side in one.items() if side * other.get(name, 0) < 0)
 
@@ -251,7 +251,7 @@ def assemble_batch(
     scene.robot.check_unedited()
     robot = scene.robot
     named = robot.actuated if joints is None else joints
-    names = checked("joints", named, robot.joints, "joint")
+    names = checked_names("joints", named, robot.joints, "joint")
     iq, iv = indices(robot.model, names)
     if not names or not len(names) == len(iq) == len(iv):
         raise InvalidArgument(
@@ -341,14 +341,14 @@ def place_on_ground(scene: Scene, q: ArrayLike) -> Array:
     if not candidates.cones or model.joints[1].shortname() != "JointModelFreeFlyer":
         return placed
     own = _of_the_base(scene)
-    down = _shifted(scene, candidates, own, placed, walls=False)[0]
-    clear, ends = _shifted(scene, candidates, own, down, walls=True)
+    down = _shifted_base(scene, candidates, own, placed, walls=False)[0]
+    clear, ends = _shifted_base(scene, candidates, own, down, walls=True)
     on_ground = clear if ends else down
     _check_ties(scene, placed, on_ground)
     return on_ground
 
 
-def _shifted(
+def _shifted_base(
     scene: Scene, candidates: Candidates, own: NDArray[np.bool_], q: Array, *, walls: bool
 ) -> tuple[Array, bool]:
     """Base on the ground and out of `walls`, by `own` contacts; whether the shifts ended."""

@@ -28,7 +28,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
-from condyn_pin._core.linalg import MinimumNorm, counted, factorise, pivots, redundant_rows
+from condyn_pin._core.linalg import MinimumNorm, above_tolerance, factorise, pivots, redundant_rows
 from condyn_pin.constraints.rows.bound import BoundConstraint, Terms
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import by_digits
@@ -72,7 +72,7 @@ class ClosedChains:
         if self.clusters:
             return min(float(c.singular_values(J)[-1]) for c in self.clusters)
         S = np.linalg.svd(J[self.rows], compute_uv=False)
-        kept = S[counted(S)]
+        kept = S[above_tolerance(S)]
         return float(kept[-1]) if kept.size else 0.0
 
 
@@ -97,7 +97,7 @@ def _chains(scene: Scene) -> ClosedChains:
     equations, rows = closer.equations, closer.rows
     _, actuated = indices(robot.model, robot.actuated)
     passive = passive_joints(robot, actuated)
-    closed, tries = _nearby(closer, described_posture(scene))
+    closed, tries = _closed_near(closer, described_posture(scene))
     found: list[tuple[MinimumNorm, Array, Indices]] = []
     jacobians = []
     for q in tries:
@@ -146,7 +146,7 @@ def _look_for_digits(scene: Scene, limits: Limits) -> None:
             break
 
 
-def _nearby(closer: Closer, guess: Array) -> tuple[bool, list[Array]]:
+def _closed_near(closer: Closer, guess: Array) -> tuple[bool, list[Array]]:
     """Return True if the guess can be closed, and closed configurations at it and near it."""
     model = closer.equations.model
     for within in (closer, replace(closer, limits=NO_LIMITS)):

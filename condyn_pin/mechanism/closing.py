@@ -46,8 +46,8 @@ from condyn_pin.constraints.rows.bound import (
     ConstraintViolation,
     beyond_text,
     closed,
+    largest_violation,
     length,
-    worst,
 )
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import Redundancy
@@ -382,7 +382,7 @@ class Assembly:
         """Return the error that `assemble` raises if the status is not CLOSED."""
         if self.status is AssemblyStatus.BRANCH_CHANGED:
             return BranchChanged(f"{', '.join(self.flipped)}: {self.status.value}", self)
-        name, gap = worst(self.to_close)
+        name, gap = largest_violation(self.to_close)
         text = f"{name} is open by {gap} after {self.iterations} iterations; "
         text += f"{beyond_text(self.beyond_limits)}; " if self.beyond_limits else ""
         text += self.status.value

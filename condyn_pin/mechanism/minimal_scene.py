@@ -22,7 +22,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import checked
+from condyn_pin._core.arguments import checked_names
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
@@ -31,11 +31,11 @@ from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven, motor_torque
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.solvers.solver import Solver
-from condyn_pin.dynamics.workspace import Workspace, default_solver, unsupported
+from condyn_pin.dynamics.workspace import Workspace, default_solver, unsupported_constraints
 from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled, UnsupportedConstraint
 from condyn_pin.mechanism.reduction import (
     ReducedScene,
-    reduced,
+    reduced_scene,
 )
 from condyn_pin.mechanism.suggestions import Suggestion, suggestions
 from condyn_pin.model.robot import Robot
@@ -268,7 +268,7 @@ def minimal(
     if not isinstance(solver, Solver):
         raise InvalidArgument(f"solver = {solver!r}: a solver object is needed")
     states = sampled(scene, 0, _SAMPLES) if motion is None else checked_states(scene, motion)
-    asked = _asked(scene, states, watch)
+    asked = _watched_joints(scene, states, watch)
     question = judge = _Question(scene, states, asked)
     if motion is None:
         judge = _Question(scene, sampled(scene, 1, _FRESH), asked)
@@ -313,7 +313,7 @@ class _Search:
     def __init__(self, question: _Question, solver: Solver, limit: float) -> None:
         self.question, self.solver, self.limit = question, solver, limit
         scene, q = question.scene, question.states[0][0]
-        self.scenes = [reduced(scene, scene.robot, scene.constraints, q, ())]
+        self.scenes = [reduced_scene(scene, scene.robot, scene.constraints, q, ())]
         self.steps: list[ReductionStep] = []
 
     def run(self) -> None:
@@ -357,14 +357,16 @@ class _Search:
         return next((s for s in proposed if s.what not in tried), None)
 
 
-def _asked(scene: Scene, states: Sequence[State], watch: Sequence[str] | None) -> tuple[str, ...]:
+def _watched_joints(
+    scene: Scene, states: Sequence[State], watch: Sequence[str] | None
+) -> tuple[str, ...]:
     """Return the joints to watch; by default the base, and those with motors that move.
 
     Without motors all that move.
     """
     robot = scene.robot
     if watch is not None:
-        return checked("watch", watch, robot.joints, "joint")
+        return checked_names("watch", watch, robot.joints, "joint")
     base, moving = free_flyers(robot), _moving(robot, robot.joints, states)
     kept = (*base, *(name for name in robot.motor_joints or robot.joints if name in moving))
     return tuple(dict.fromkeys(kept)) or tuple(n for n in robot.joints if n in moving)
@@ -452,7 +454,7 @@ def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
     try:
         workspace = Workspace(scene, solver)
     except UnsupportedConstraint:
-        missing = [c for c in scene.constraints if c.name in unsupported(scene, solver)]
+        missing = [c for c in scene.constraints if c.name in unsupported_constraints(scene, solver)]
         kinds = dict.fromkeys(str(getattr(c, "kind", type(c).__name__)) for c in missing)
         return Trial(None, f"takes no {' and no '.join(kinds)}")
     for state in states:

@@ -27,12 +27,12 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import check_count, counted, normalised
+from condyn_pin._core.arguments import check_count, count_text, normalised
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import factorise, rank_of
-from condyn_pin.constraints.rows.bound import beyond_text, worst
+from condyn_pin.constraints.rows.bound import beyond_text, largest_violation
 from condyn_pin.dynamics.at_state import (
     constraint_velocities,
     equations_of,
@@ -89,7 +89,7 @@ def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, *, metric: Metric
         rows there; the text names it.
     """
     v_ = finite("v", v, scene.robot.nv)
-    q_, closed = _checked(scene, q, metric)
+    q_, closed = _checked_configuration(scene, q, metric)
     equations = equations_of(scene)
     W = equations.mass(q_) if metric == "mass" else np.eye(len(v_))
     J, rate = kept_rows(scene, equations.jacobian(q_), -equations.wanted[1])
@@ -128,7 +128,7 @@ def project_acceleration(
     """
     nv = scene.robot.nv
     v_, a_ = finite("v", v, nv), finite("a", a, nv)
-    q_, closed = _checked(scene, q, metric)
+    q_, closed = _checked_configuration(scene, q, metric)
     with np.errstate(all="ignore"):  # what overflows is refused
         terms = equations_of(scene).terms(q_, v_)
         check_overflow("v", v_, terms.gamma)
@@ -137,7 +137,7 @@ def project_acceleration(
     return nearest(scene, q_, "a", a_, (W, J, gamma), closed)
 
 
-def _checked(scene: Scene, q: ArrayLike, metric: Metric) -> tuple[Array, bool]:
+def _checked_configuration(scene: Scene, q: ArrayLike, metric: Metric) -> tuple[Array, bool]:
     """Return q, and whether it is closed, if it is nearly; raises what is wrong otherwise."""
     if metric not in get_args(Metric):
         raise InvalidArgument(
@@ -184,7 +184,7 @@ def _check_rows(scene: Scene, q: Array, left: Array, sizes: Sequence[Array], per
     excused, off = rounding(scene, q, sizes[1]), constraint_velocities(scene, left)
     beyond = {name: by for name, by in off.items() if by.size > max(least, excused[name])}
     if beyond:
-        name, by = worst(beyond)
+        name, by = largest_violation(beyond)
         raise NotAssembled(
             f"{name} is left with {by.text(per)}: its rows cannot all be satisfied at this q "
             f"({check(scene, q, None)}); Scene.assemble closes loops, and "
@@ -242,10 +242,10 @@ class CompleteState:
 
     def __str__(self) -> str:
         lines = [str(self.assembly)]
-        free = counted(self.undetermined, "direction")
+        free = count_text(self.undetermined, "direction")
         lines.append(f"{free} that neither motors nor loops determine")
         if self.conflicting:
-            lines.append(f"{counted(self.conflicting, 'condition')} among the motors themselves")
+            lines.append(f"{count_text(self.conflicting, 'condition')} among the motors themselves")
         lines += [
             f"{label} = {np.array2string(x, precision=6, suppress_small=True)}"
             for label, x in (("q", self.q), ("v", self.v))

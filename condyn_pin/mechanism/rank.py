@@ -24,7 +24,12 @@ from condyn_pin._core.arguments import normalised, renamed
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import MinimumNorm, redundant_rows
-from condyn_pin.constraints.rows.bound import ConstraintViolation, beyond_text, closed, worst
+from condyn_pin.constraints.rows.bound import (
+    ConstraintViolation,
+    beyond_text,
+    closed,
+    largest_violation,
+)
 from condyn_pin.dynamics.at_state import (
     constraint_velocities,
     equations_of,
@@ -149,7 +154,7 @@ class Rank:
         if self.digits:
             yield self.digits
         if not self.closed:
-            name, gap = worst(self.to_close)
+            name, gap = largest_violation(self.to_close)
             yield f"{name} is open by {gap}: Scene.assemble closes it"
         if self.conflict:
             size = max(self.conflict.values())

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import checked, listed, normalised
+from condyn_pin._core.arguments import checked_names, listed, normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
@@ -30,7 +30,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled, UnknownName
 from condyn_pin.mechanism.summary import Summary
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.smaller import free_flyers, sifted, smaller_robot, with_held
+from condyn_pin.model.smaller import free_flyers, smaller_robot, split_constraints, with_held
 
 
 def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
@@ -64,10 +64,10 @@ def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> Red
     NotAssembled
         If the loops cannot be closed with the joints there.
     """
-    named = checked("joints", joints, scene.robot.joints, "joint")
+    named = checked_names("joints", joints, scene.robot.joints, "joint")
     names, remarks = _with_partners(scene, named)
     if not names:
-        return reduced(scene, scene.robot, scene.constraints, described_posture(scene), ())
+        return reduced_scene(scene, scene.robot, scene.constraints, described_posture(scene), ())
     if len(names) == len(scene.robot.joints):
         raise InvalidArgument("joints: with all of them locked nothing moves; leave one at least")
     start = scene.state()[0] if q is None else normalised(scene.robot.model, "q", q)
@@ -81,9 +81,9 @@ def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> Red
     rest, _ = indices(scene.robot.model, robot.joints)
     others = {name: posture for name, posture in robot.postures.items() if name != "locked"}
     robot = replace(robot, postures={"locked": closed[rest], **others})
-    kept, idle = sifted(robot, with_held(scene.robot, scene.constraints, names, closed))
+    kept, idle = split_constraints(robot, with_held(scene.robot, scene.constraints, names, closed))
     remarks += [f"constraint {c.name}: both of its sides are one body now" for c in idle]
-    return reduced(scene, robot, kept, closed, (words, *remarks))
+    return reduced_scene(scene, robot, kept, closed, (words, *remarks))
 
 
 def keep(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
@@ -108,7 +108,10 @@ def keep(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> Red
     InvalidArgument, NotAssembled
         As `lock`.
     """
-    kept = {*checked("joints", joints, scene.robot.joints, "joint"), *free_flyers(scene.robot)}
+    kept = {
+        *checked_names("joints", joints, scene.robot.joints, "joint"),
+        *free_flyers(scene.robot),
+    }
     return lock(scene, [name for name in scene.robot.joints if name not in kept], q)
 
 
@@ -130,10 +133,10 @@ def without(scene: Scene, names: Sequence[str]) -> ReducedScene:
     UnknownName
         If there is no such constraint.
     """
-    gone = checked("names", names, scene.names, "constraint")
+    gone = checked_names("names", names, scene.names, "constraint")
     kept = [c for c in scene.constraints if c.name not in gone]
     dropped = tuple(f"constraint {name}: left out" for name in gone)
-    return reduced(scene, scene.robot, kept, described_posture(scene), dropped)
+    return reduced_scene(scene, scene.robot, kept, described_posture(scene), dropped)
 
 
 def without_bodies(scene: Scene, joints: Sequence[str]) -> ReducedScene:
@@ -158,7 +161,7 @@ def without_bodies(scene: Scene, joints: Sequence[str]) -> ReducedScene:
         If nothing is left of the robot.
     """
     model = scene.robot.model
-    named = checked("joints", joints, scene.robot.joints, "joint")
+    named = checked_names("joints", joints, scene.robot.joints, "joint")
     numbers = {int(i) for name in named for i in model.subtrees[model.getJointId(name)]}
     names = [name for name in scene.robot.joints if model.getJointId(name) in numbers]
     if len(names) == len(scene.robot.joints):
@@ -166,9 +169,9 @@ def without_bodies(scene: Scene, joints: Sequence[str]) -> ReducedScene:
     words = f"bodies cut off: those of {listed(names)}"
     q = scene.state()[0]
     robot = smaller_robot(scene.robot, names, q, words, cut=True)
-    kept, idle = sifted(robot, scene.constraints)
+    kept, idle = split_constraints(robot, scene.constraints)
     remarks = [f"constraint {c.name}: a body of it was cut off" for c in idle]
-    return reduced(scene, robot, kept, q, (words, *remarks), found=names)
+    return reduced_scene(scene, robot, kept, q, (words, *remarks), found=names)
 
 
 def _with_partners(scene: Scene, joints: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
@@ -305,7 +308,7 @@ class ReducedScene(Scene):
 
 
 @one_blas_thread
-def reduced(
+def reduced_scene(
     scene: Scene,
     robot: Robot,
     constraints: Sequence[Any],

@@ -14,7 +14,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import checked, listed
+from condyn_pin._core.arguments import checked_names, listed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import factorise, first_of_largest, rank_of
@@ -28,9 +28,9 @@ from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, InvalidConstraint, InvalidModel
-from condyn_pin.mechanism.reduction import ReducedScene, reduced, without
+from condyn_pin.mechanism.reduction import ReducedScene, reduced_scene, without
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.smaller import free_flyers, sifted, smaller_robot
+from condyn_pin.model.smaller import free_flyers, smaller_robot, split_constraints
 
 
 @dataclass(frozen=True)
@@ -62,7 +62,7 @@ def suggestions(
             "points on one body merged into one contact",
             _applied(merge_points, edges=exact_rows),
         )
-    for name in _implied(scene):
+    for name in _implied_constraints(scene):
         yield Suggestion(
             f"constraint {name} left out: the others imply it", _applied(without, [name])
         )
@@ -90,7 +90,7 @@ def _applied(
     return lambda scene: simplify(scene, *args, **options)
 
 
-def _implied(scene: ReducedScene) -> Iterator[str]:
+def _implied_constraints(scene: ReducedScene) -> Iterator[str]:
     """Yield constraints without which the rank is the same."""
     terms = scene.nominal.terms
     for bound in scene.bounds:
@@ -119,7 +119,7 @@ def _linkages(scene: ReducedScene, asked: Sequence[str]) -> Iterator[tuple[str, 
             ):
                 joints.append(str(model.names[end]))
                 end, allowed = model.parents[end], 0
-            if joints and follows(scene, [loop.name], joints):
+            if joints and are_determined_by(scene, [loop.name], joints):
                 yield loop.name, joints
 
 
@@ -180,7 +180,7 @@ def merge_points(scene: Scene, *, edges: bool = True) -> ReducedScene:
         constraints.insert(at, merged)
         rows = sum(p.rows for p in points)
         dropped.append(f"contacts on {frame}: {rows} rows of points as {merged.rows} of one")
-    return reduced(scene, robot, constraints, described_posture(scene), dropped)
+    return reduced_scene(scene, robot, constraints, described_posture(scene), dropped)
 
 
 def _spread(points: Sequence[Constraint]) -> tuple[Array, Array, Array]:
@@ -256,7 +256,7 @@ def as_planar(scene: Scene, name: str) -> ReducedScene:
     InvalidConstraint
         If the loop is no ball, or its rows have another rank than 2.
     """
-    (chosen,) = checked("name", [name], scene.names, "constraint")
+    (chosen,) = checked_names("name", [name], scene.names, "constraint")
     at = scene.names.index(chosen)
     loop, bound = scene.constraints[at], scene.bounds[at]
     frame = f"{name}/plane"
@@ -276,7 +276,7 @@ def as_planar(scene: Scene, name: str) -> ReducedScene:
         robot = replace(robot, loops=loops)
     constraints = [pin_joint if c.name == name else c for c in scene.constraints]
     words = f"loop {name}: a planar pin, the row across the plane being redundant"
-    return reduced(scene, robot, constraints, described_posture(scene), (words,))
+    return reduced_scene(scene, robot, constraints, described_posture(scene), (words,))
 
 
 def _in_axes_of_first(scene: Scene, bound: BoundConstraint, direction: Array) -> Array:
@@ -345,8 +345,8 @@ def without_linkage(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -
     InvalidConstraint
         If the loops also hold other joints than these.
     """
-    gone = checked("loops", loops, scene.names, "constraint")
-    names = checked("joints", joints, scene.robot.joints, "joint")
+    gone = checked_names("loops", loops, scene.names, "constraint")
+    names = checked_names("joints", joints, scene.robot.joints, "joint")
     for name in names:
         check_passive(scene.robot, name)
     q = scene.state()[0]
@@ -364,8 +364,8 @@ def without_linkage(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -
         loops=tuple(loop for loop in scene.robot.loops if loop.name not in gone),
     )
     robot = smaller_robot(open_robot, names, q, words)
-    kept, _ = sifted(robot, [c for c in scene.constraints if c.name not in gone])
-    return reduced(scene, robot, kept, q, (words,), found=names)
+    kept, _ = split_constraints(robot, [c for c in scene.constraints if c.name not in gone])
+    return reduced_scene(scene, robot, kept, q, (words,), found=names)
 
 
 def check_passive(robot: Robot, joint: str) -> None:
@@ -375,7 +375,7 @@ def check_passive(robot: Robot, joint: str) -> None:
         raise InvalidArgument(f"joint {joint!r}: a {what} acts on it, so it does not only follow")
 
 
-def follows(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> bool:
+def are_determined_by(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> bool:
     """True if loops determine the positions of some joints, and restrict no others.
 
     That is so if the rows of the loops have the same rank in the columns of these joints alone.
@@ -394,7 +394,7 @@ def _reflected(
     scene: Scene, loops: Sequence[str], joints: Sequence[str], q: Array
 ) -> tuple[Array, Array]:
     """Return the armature and damping that the joints of the tree gain, an entry each of v."""
-    if not follows(scene, loops, joints):
+    if not are_determined_by(scene, loops, joints):
         raise InvalidConstraint(
             f"loops {listed(loops)}: they do not only tell {listed(joints)} where to be, they also "
             "hold other joints"
@@ -486,7 +486,7 @@ def rods_as_distances(
     """
     if mass not in get_args(RodMass):
         raise InvalidArgument(f"mass = {mass!r}: one of {', '.join(get_args(RodMass))} is needed")
-    names = checked("joints", joints, scene.robot.joints, "joint")
+    names = checked_names("joints", joints, scene.robot.joints, "joint")
     q = scene.state()[0]
     rods = [_rod(scene, name) for name in names]
     for rod in rods:
@@ -497,13 +497,13 @@ def rods_as_distances(
         robot = _with_ends(robot, rod, mass)
     said = "shared by their ends" if mass == "ends" else "dropped"
     words = f"rods as distances: {listed(names)}; their mass is {said}"
-    lost = [text for name in names for text in _lost(scene.robot, name)]
+    lost = [text for name in names for text in _lost_effects(scene.robot, name)]
     small = smaller_robot(robot, names, q, words, cut=True)
     of_loop = {rod.loop.name: rod.distance for rod in rods}
     distances = tuple(rod.distance for rod in rods if rod.loop in scene.robot.loops)
     small = replace(small, loops=(*small.loops, *distances))
     constraints: list[Constraint] = [of_loop.get(c.name, c) for c in scene.constraints]
-    result = reduced(scene, small, constraints, q, (words, *lost), found=names)
+    result = reduced_scene(scene, small, constraints, q, (words, *lost), found=names)
     # what goes with a rod on a ball is its spin about itself, and nothing with one on a hinge
     spins = sum(scene.robot.model.joints[rod.number].nv == 3 for rod in rods)
     if result.nominal.mobility != (right := scene.nominal.mobility - spins):
@@ -548,11 +548,11 @@ def _rod(scene: Scene, joint: str) -> _Rod:
     length = float(np.linalg.norm(tip))
     if length == 0.0:
         raise InvalidArgument(f"joint {joint!r}: the ends of the rod coincide")
-    share = _share(joint, model.inertias[number].lever, tip / length, length)
+    share = _mass_share(joint, model.inertias[number].lever, tip / length, length)
     return _Rod(joint, number, loop, f"{joint}/seat", far, length, share)
 
 
-def _share(joint: str, com: Array, along: Array, length: float) -> float:
+def _mass_share(joint: str, com: Array, along: Array, length: float) -> float:
     """Return s, or say that no two masses at the ends have this centre of mass."""
     x = float(com @ along)
     if not -tolerances.DRAWN <= x <= length + tolerances.DRAWN:
@@ -563,7 +563,7 @@ def _share(joint: str, com: Array, along: Array, length: float) -> float:
     return min(max(x / length, 0.0), 1.0)
 
 
-def _lost(robot: Robot, joint: str) -> list[str]:
+def _lost_effects(robot: Robot, joint: str) -> list[str]:
     """Return a sentence on armature, damping and friction of a rod's joint, left out with it."""
     _, index = indices(robot.model, [joint])
     acting = ("armature", "damping", "friction")

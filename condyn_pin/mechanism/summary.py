@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import show, tolerances
-from condyn_pin._core.arguments import counted, few, listed
+from condyn_pin._core.arguments import count_text, listed, short_list
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import null_space, rank_of
@@ -120,25 +120,25 @@ class Summary:
         return show.page(
             f"Scene of {self.robot}",
             show.facts(facts),
-            show.folded(
+            show.folded_html(
                 "constraints", show.grid(("constraint", "kind", "rows"), listed), count=len(listed)
             ),
-            show.folded(
+            show.folded_html(
                 "contacts", show.grid(("contact", "distance"), self.contacts),
                 count=len(self.contacts),
             ),
-            show.folded(
+            show.folded_html(
                 "changes the motion, and is not modelled", show.notes(self.unmodelled),
                 count=0,
             ),
-            show.folded("in the file and not used", show.notes(self.unused)),
+            show.folded_html("in the file and not used", show.notes(self.unused)),
             show.notes(self.notes),
         )  # fmt: skip
 
     def __str__(self) -> str:
         lines = [f"{label:<16} {text}" for label, text in self.facts().items()]
         lines += [
-            f"{'constraint':<16} {n}: {kind}, {counted(rows, 'row')}"
+            f"{'constraint':<16} {n}: {kind}, {count_text(rows, 'row')}"
             for n, kind, rows in self.constraints
         ]
         lines += [f"{'contact':<16} {name}: {text}" for name, text in self.contacts]
@@ -199,7 +199,8 @@ def _rotors(robot: Robot) -> Iterator[str]:
     geared = np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
     lacking = np.array(model.armature) < (1.0 - tolerances.MOMENT) * geared
     if where := [n for n in robot.joints if lacking[indices(model, [n])[1]].any()]:
-        yield f"rotors ({few(where)}): add rotorInertia * rotorGearRatio**2 to model.armature"
+        names = short_list(where)
+        yield f"rotors ({names}): add rotorInertia * rotorGearRatio**2 to model.armature"
 
 
 def _unused(scene: Scene) -> Iterator[str]:
@@ -209,7 +210,7 @@ def _unused(scene: Scene) -> Iterator[str]:
         values = getattr(robot.model, what)
         where = [n for n in robot.joints if values[indices(robot.model, [n])[1]].any()]
         if where and not any(what in text for text in robot.unused):  # else the reader said it
-            yield f"joint {what} ({few(where)}){advice}"
+            yield f"joint {what} ({short_list(where)}){advice}"
     if robot.springs:
         joints = ", ".join(spring.joint for spring in robot.springs)
         yield f"springs ({joints}): add Robot.passive_torque to tau"
@@ -243,7 +244,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
         yield "mobility 0: nothing can move; a weld in place of a hinge does this"
     yield from _base_mobility(scene, at.q)
     if at.redundant and not at.singular:
-        rows = counted(len(at.redundant), "redundant row")
+        rows = count_text(len(at.redundant), "redundant row")
         yield f"{rows}: a is unique, lam is the smallest of many; DenseKKT needs mu > 0"
     if missing := pinocchio_constraints_of(scene).unsupported:
         yield (
@@ -302,7 +303,7 @@ def _base_mobility(scene: Scene, q: Array) -> Iterator[str]:
         points = _points(scene, ends, np.abs(J_b).max(axis=1))
         yield (
             f"{listed([each for each, _ in points])}: held by this, what hangs on {name} can still "
-            f"{_told(twists, points)}, as one body with its joints held"
+            f"{_motion_in_words(twists, points)}, as one body with its joints held"
         )
 
 
@@ -315,7 +316,7 @@ def _points(scene: Scene, ends: Sequence[Any], sizes: Array) -> Points:
     return found
 
 
-def _told(twists: Array, points: Points) -> str:
+def _motion_in_words(twists: Array, points: Points) -> str:
     """Return in words how a body can move, from twists (k, 6) at the origin of the world."""
     _, S, Vt = np.linalg.svd(twists[:, 3:].T)
     turning = rank_of(S)
@@ -327,9 +328,9 @@ def _told(twists: Array, points: Points) -> str:
         turns = np.hstack([turns[:, :3] - turns[:, :3] @ (Q @ Q.T), turns[:, 3:]])
         told = [_shifts(shifts)]
     if len(turns) == 1:
-        told.append(_turn(turns[0], shifts, points))
+        told.append(_rotation_in_words(turns[0], shifts, points))
     elif len(turns):
-        told.append(_turns(turns, points))
+        told.append(_rotations_in_words(turns, points))
     return " and ".join(told)
 
 
@@ -341,7 +342,7 @@ def _shifts(shifts: Array) -> str:
     return "shift any way"
 
 
-def _turn(twist: Array, shifts: Array, points: Points) -> str:
+def _rotation_in_words(twist: Array, shifts: Array, points: Points) -> str:
     v, omega = twist[:3], twist[3:]
     size = float(np.linalg.norm(omega))
     along = omega / size
@@ -358,7 +359,7 @@ def _turn(twist: Array, shifts: Array, points: Points) -> str:
     return where if abs(pitch) < _SMALL else f"{where}, moving along it by {pitch:.3g} m/rad"
 
 
-def _turns(turns: Array, points: Points) -> str:
+def _rotations_in_words(turns: Array, points: Points) -> str:
     how = "any way" if len(turns) == 3 else "about two axes"
     for name, x in points:
         # the point stands still in all of them

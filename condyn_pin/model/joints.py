@@ -98,7 +98,7 @@ def configuration(robot: Robot, values: Values, start: ArrayLike | None) -> Arra
         first = next(iter(robot.postures.values()), None)
         start = pin.neutral(robot.model) if first is None else first
     q = with_values(robot.model, finite("start", start, robot.nq), values)
-    return _checked(robot, q)
+    return _checked_configuration(robot, q)
 
 
 def joint_values(robot: Robot, q: ArrayLike) -> dict[str, float | Array]:
@@ -127,16 +127,18 @@ def frame_pose(robot: Robot, q: ArrayLike, frame: FrameLike) -> Any:
     """Return the pose of a frame in the world; see `Robot.frame_pose`."""
     joint, placement = robot.frame(frame)
     data = data_of(robot.model)
-    algorithms(data).forwardKinematics(robot.model, data, _checked(robot, q))
+    algorithms(data).forwardKinematics(robot.model, data, _checked_configuration(robot, q))
     return data.oMi[joint] * placement
 
 
 def center_of_mass(robot: Robot, q: ArrayLike) -> Array:
     """Return the centre of mass in the world; see `Robot.center_of_mass`."""
-    return np.array(pin.centerOfMass(robot.model, whole_data(robot.model), _checked(robot, q)))
+    return np.array(
+        pin.centerOfMass(robot.model, whole_data(robot.model), _checked_configuration(robot, q))
+    )
 
 
-def _checked(robot: Robot, q: ArrayLike) -> Array:
+def _checked_configuration(robot: Robot, q: ArrayLike) -> Array:
     """Configuration (nq,), checked for size and norms."""
     still = np.zeros(robot.nv)
     return robot.arguments.check(q, still, still)[0]

@@ -11,7 +11,7 @@ from math import inf
 from typing import Any
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import shown
+from condyn_pin._core.arrays import text_of
 from condyn_pin.constraints.constraint import floats, text
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.joints import joint_of
@@ -79,11 +79,11 @@ def _weights(given: Any) -> tuple[tuple[str, float], ...]:
         pairs = [*(given.items() if isinstance(given, Mapping) else given)]
         found = {text("joints", name, "joint"): weight for name, weight in pairs}
     except (TypeError, ValueError) as error:
-        raise InvalidArgument(f"joints = {shown(given)}: a weight by joint is needed") from error
+        raise InvalidArgument(f"joints = {text_of(given)}: a weight by joint is needed") from error
     if not found:
-        raise InvalidArgument(f"joints = {shown(given)}: one joint at least is needed")
+        raise InvalidArgument(f"joints = {text_of(given)}: one joint at least is needed")
     if len(found) < len(pairs):
-        raise InvalidArgument(f"joints = {shown(given)}: a joint is named twice; name it once")
+        raise InvalidArgument(f"joints = {text_of(given)}: a joint is named twice; name it once")
     for name, weight in zip(found, floats("joints", [*found.values()], len(found)), strict=True):
         if abs(weight) < 1.0 / tolerances.HUGE:
             raise InvalidArgument(f"joints: the weight of {name!r} is {weight:g}; leave it out")
@@ -97,8 +97,8 @@ def _limits(given: Any) -> tuple[float, float]:
         least, largest = (float(x) for x in given if not isinstance(x, str | bool))
     except (TypeError, ValueError, OverflowError) as error:
         raise InvalidArgument(
-            f"limits = {shown(given)}: the least and the largest torque are needed"
+            f"limits = {text_of(given)}: the least and the largest torque are needed"
         ) from error
     if not least < largest:
-        raise InvalidArgument(f"limits = {shown(given)}: the least has to be below the largest")
+        raise InvalidArgument(f"limits = {text_of(given)}: the least has to be below the largest")
     return least, largest

@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import show, tolerances
 from condyn_pin._core._pin import pin, set_numbers, without_infinity
-from condyn_pin._core.arguments import Arguments, counted, normalised
+from condyn_pin._core.arguments import Arguments, count_text, normalised
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.joints import rotation_fault
 from condyn_pin.constraints.constraint import Constraint, check_size
 from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.constraints.kinds import of_loops
-from condyn_pin.constraints.places import WORLD, FrameLike, find_frame, settled
+from condyn_pin.constraints.places import WORLD, FrameLike, find_frame, with_joint_names
 from condyn_pin.constraints.rows.equations import least_pivots
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.model import joints as robot_joints
@@ -273,7 +273,7 @@ class Robot:
         for key, kind in lists().items():
             object.__setattr__(self, key, members(key, getattr(self, key), kind))
         for key in ("loops", "contacts", "spring_dampers"):
-            its = tuple(settled(each, self) for each in getattr(self, key))
+            its = tuple(with_joint_names(each, self) for each in getattr(self, key))
             object.__setattr__(self, key, its)
         check_joints(self)
         check_ends(self)
@@ -702,7 +702,7 @@ class Robot:
     def __repr__(self) -> str:
         return (
             f"Robot({self.name!r}: nq {self.nq}, nv {self.nv}, {self.mass:.4g} kg, "
-            f"{counted(len(self.loops), 'loop')}, "
+            f"{count_text(len(self.loops), 'loop')}, "
             f"postures: {', '.join(self.postures) or 'none'})"
         )
 
@@ -736,21 +736,23 @@ def robot_html(robot: Robot) -> str:
     return show.page(
         f"Robot {robot.name}",
         show.facts(said.items()),
-        show.folded(
-            counted(len(joints), "joint"),
+        show.folded_html(
+            count_text(len(joints), "joint"),
             show.grid(("joint", "kind", "in q", "in v", ""), joints),
             count=len(joints),
         ),
-        show.folded(counted(len(loops), "loop"), show.grid(columns, loops), count=len(loops)),
-        show.folded(
-            counted(len(contacts), "ready-made contact"),
+        show.folded_html(
+            count_text(len(loops), "loop"), show.grid(columns, loops), count=len(loops)
+        ),
+        show.folded_html(
+            count_text(len(contacts), "ready-made contact"),
             show.grid(columns, contacts),
             count=len(contacts),
         ),
-        show.folded(
+        show.folded_html(
             "changes the motion, and is not modelled", show.notes(robot.unmodelled), count=0
         ),
-        show.folded("in the file and not used", show.notes(robot.unused)),
+        show.folded_html("in the file and not used", show.notes(robot.unused)),
     )
 
 

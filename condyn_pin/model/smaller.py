@@ -18,7 +18,7 @@ import numpy as np
 
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import checked
+from condyn_pin._core.arguments import checked_names
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.joints import indices
 from condyn_pin._core.trees import whole_data
@@ -72,9 +72,11 @@ def smaller_robot(
         unused=(*robot.unused, remark),
         exclusions=[here for each in robot.exclusions if len(here := known.intersection(each)) > 1],
     )
-    loops, _ = sifted(bare, robot.loops if cut else with_held(robot, robot.loops, joints, q))
-    contacts, _ = sifted(bare, robot.contacts)
-    dampers = tuple(each for each in robot.spring_dampers if _pulls(bare, each))
+    loops, _ = split_constraints(
+        bare, robot.loops if cut else with_held(robot, robot.loops, joints, q)
+    )
+    contacts, _ = split_constraints(bare, robot.contacts)
+    dampers = tuple(each for each in robot.spring_dampers if _connects_bodies(bare, each))
     return replace(bare, loops=loops, contacts=contacts, spring_dampers=dampers)
 
 
@@ -95,7 +97,7 @@ def with_held(
     return tuple(constraint.with_held(values) for constraint in constraints)
 
 
-def sifted(
+def split_constraints(
     robot: Robot, constraints: Sequence[_AnyConstraint]
 ) -> tuple[tuple[_AnyConstraint, ...], tuple[_AnyConstraint, ...]]:
     """Constraints between bodies of this robot, and the others.
@@ -116,7 +118,7 @@ def _constrains(robot: Robot, constraint: Constraint) -> bool:
         return False
 
 
-def _pulls(robot: Robot, each: SpringDamper) -> bool:
+def _connects_bodies(robot: Robot, each: SpringDamper) -> bool:
     """True if the ends of a spring-damper are on two bodies of this robot."""
     try:
         return robot.frame(each.frame_a)[0] != robot.frame(each.frame_b)[0]
@@ -278,13 +280,13 @@ def lock_joints(robot: Robot, names: Sequence[str]) -> Robot:
         If nothing would be left to move, a loop would be held open, or a joint is locked and the
         one coupled to it is not.
     """
-    locked = checked("lock", names, robot.joints, "joint")
+    locked = checked_names("lock", names, robot.joints, "joint")
     if not locked:
         return robot
     if len(locked) == len(robot.joints):
         raise InvalidModel("lock: these are all joints of the robot; leave one that moves")
     _check_couplings(robot, locked)
-    q = _rest(robot)
+    q = _spring_references(robot)
     small = smaller_robot(
         robot, locked, q, f"joints that are locked: {', '.join(map(repr, locked))}"
     )
@@ -292,7 +294,7 @@ def lock_joints(robot: Robot, names: Sequence[str]) -> Robot:
     return small
 
 
-def _rest(robot: Robot) -> Array:
+def _spring_references(robot: Robot) -> Array:
     """Configuration (nq,) with every spring at its reference, and neutral elsewhere."""
     q = np.array(pin.neutral(robot.model))
     for spring in robot.springs:

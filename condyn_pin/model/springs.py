@@ -17,7 +17,7 @@ from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.constraint import check_size
 from condyn_pin.constraints.forces import frame_jacobian
-from condyn_pin.constraints.places import set_frames, short
+from condyn_pin.constraints.places import set_frames, short_frames
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -154,7 +154,9 @@ class SpringDampers:
         self._model = robot.unedited
         self._data = whole_data(self._model)
         self._ends = [(robot.frame(each.frame_a), robot.frame(each.frame_b)) for each in chosen]
-        self.names = tuple(f"{short(each.frame_a)} - {short(each.frame_b)}" for each in chosen)
+        self.names = tuple(
+            f"{short_frames(each.frame_a)} - {short_frames(each.frame_b)}" for each in chosen
+        )
         self.k = np.array([each.stiffness * springs for each in chosen], dtype=float)
         self.c = np.array([each.damping * damping for each in chosen], dtype=float)
         self.rest = np.array([each.rest_length for each in chosen], dtype=float)

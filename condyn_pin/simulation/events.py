@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core.arguments import check_called, listed
-from condyn_pin._core.arrays import Array, finite, locked
+from condyn_pin._core.arrays import Array, finite, read_only_view
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.places import FrameLike
@@ -307,7 +307,7 @@ def checked_events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
                 _check_scene(event.name, other, scene, scalar)
         if event.at is not None and event.at <= 0:
             raise InvalidArgument(f"event {event.name!r}: at = {event.at:g}: after the start")
-    return _shared(scene, checked)
+    return _with_shared_scenes(scene, checked)
 
 
 def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, bool]) -> None:
@@ -334,7 +334,7 @@ def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, boo
             )
 
 
-def _shared(scene: Scene, events: tuple[Event, ...]) -> tuple[Event, ...]:
+def _with_shared_scenes(scene: Scene, events: tuple[Event, ...]) -> tuple[Event, ...]:
     """Return the events with one scene where several have the same constraints: it is one place."""
     known = {(scene.constraints, scene.contacts): scene}
 
@@ -369,8 +369,8 @@ class Snapshot:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_state", (self.q, self.v))  # that the system knows again
-        object.__setattr__(self, "q", locked(self.q))
-        object.__setattr__(self, "v", locked(self.v))
+        object.__setattr__(self, "q", read_only_view(self.q))
+        object.__setattr__(self, "v", read_only_view(self.v))
 
     @cached_property
     def a(self) -> Array:

@@ -17,7 +17,7 @@ from condyn_pin._core.arrays import finite
 from condyn_pin._core.files import LARGEST, atomic_write, parse_json, read_npz, write_npz
 from condyn_pin.constraints.contacts.kinds import CONTACTS
 from condyn_pin.constraints.contacts.shapes import SHAPES, Plane
-from condyn_pin.constraints.kinds import named
+from condyn_pin.constraints.kinds import kind_named
 from condyn_pin.constraints.loop import Loop, axis_of
 from condyn_pin.constraints.path import PATHS
 from condyn_pin.contact.problem import MODES
@@ -97,7 +97,7 @@ def write(
     about |= {key: [encode(c) for c in getattr(robot, key)] for key in _LISTS}
     about["model"], numbers = model_words(robot.model)
     header = {"format": kind, "pinocchio": VERSION_TEXT, "robot": about, **header}
-    text = json.dumps(header, default=_plain)
+    text = json.dumps(header, default=_python_number)
     if len(text) > LARGEST:
         raise InvalidArgument(
             f"{path}: {len(text) / 1e6:.0f} MB of words, such as events and reasons, are more than "
@@ -112,7 +112,7 @@ def write(
     write_npz(path, content)
 
 
-def read(
+def read_archive(
     path: Path_,
     kind: str,
     names: Collection[str],
@@ -219,7 +219,7 @@ def encode(value: Any) -> dict[str, Any]:
     return {"class": type(value).__name__, **coded}
 
 
-def _plain(value: Any) -> Any:
+def _python_number(value: Any) -> Any:
     """Return a number of numpy as one of Python's: a parameter may be either."""
     if isinstance(value, np.generic):
         return value.item()
@@ -233,7 +233,7 @@ def decode(coded: dict[str, Any]) -> Any:
     # those of the user's own have registered since
     kind = (
         _KINDS.get(name)
-        or named(name)
+        or kind_named(name)
         or (CONTACTS | SHAPES | PATHS).get(name)
         or (integrators.INTEGRATORS | DRIFTS | SOLVERS | CONTACT_SOLVERS | RESTITUTION_LAWS).get(
             name.lower()
@@ -243,10 +243,10 @@ def decode(coded: dict[str, Any]) -> Any:
         raise LookupError(f"{name} is unknown: import the module that defines it")
     if kind is Loop:  # files of before have an axis for kinds that have none
         values["axis"] = axis_of(values["kind"], values["axis"])
-    return kind(**{k: _decoded(x) for k, x in values.items()})
+    return kind(**{k: _decoded_value(x) for k, x in values.items()})
 
 
-def _decoded(value: Any) -> Any:
+def _decoded_value(value: Any) -> Any:
     if isinstance(value, dict) and "class" in value:
         return decode(value)
     return tuple(value) if isinstance(value, list) else value
@@ -296,7 +296,7 @@ def _header(trajectory: Trajectory) -> Header:
 
 def load(path: Path_) -> Trajectory:
     """Return a trajectory from a file; see `Trajectory.load`."""
-    return read(path, MOTION, (*_ARRAYS, "contact"), _trajectory)
+    return read_archive(path, MOTION, (*_ARRAYS, "contact"), _trajectory)
 
 
 def _trajectory(robot: Robot, header: Header, content: Content) -> Trajectory:
@@ -381,11 +381,11 @@ def _check_run(run: Run, count: int) -> None:
             raise TypeError(f"remarks = {run.remarks!r}")
         check_times(t=remark.t, steps=remark.steps)
     for event in run.happened:
-        if not isinstance(event, EventRecord) or not _fits(event, count):
+        if not isinstance(event, EventRecord) or not _is_valid_event(event, count):
             raise ValueError(f"event {event!r} of {count} samples")
 
 
-def _fits(event: EventRecord, count: int) -> bool:
+def _is_valid_event(event: EventRecord, count: int) -> bool:
     """True if an event has valid names, and its sample is one of `count`."""
     struck = event.impulses
     words = (event.name, *event.added, *event.dropped, *(name for name, *_ in struck))

@@ -77,7 +77,7 @@ class Energy:
     contact: Array
     correction: Array
     algorithmic: Array
-    doubt: Array
+    integral_error: Array
 
     @property
     def total(self) -> Array:
@@ -86,7 +86,7 @@ class Energy:
 
     @property
     def error(self) -> Array:
-        """Change of the total energy that no work accounts for (k,) [J], right to `doubt`."""
+        """Unexplained change of the total energy (k,) [J], to within `integral_error`."""
         total = self.total
         done = self.work + self.damping + self.impacts + self.driven
         done = done + self.contact + self.correction + self.algorithmic
@@ -244,7 +244,9 @@ def work(t: Array, power: Array, rate: Array | None = None) -> Array:
     return _integral(t, power)
 
 
-def doubt(t: Array, power: Array, done: Array, between: Array, v: Array | None = None) -> Array:
+def integral_error(
+    t: Array, power: Array, done: Array, between: Array, v: Array | None = None
+) -> Array:
     """Estimated error of an integral `done` of power over t (k, ...), summed from the start.
 
     In each interval, the larger difference to the trapezoidal rule, and to the power `between`
@@ -260,11 +262,11 @@ def doubt(t: Array, power: Array, done: Array, between: Array, v: Array | None =
         trapezoids = 0.5 * spans * (power[1:] + power[:-1])
         off = np.maximum(np.abs(each - trapezoids), np.abs(each - spans * between))
         if v is not None:
-            off += 0.5 * spans * _bent(v) * (np.abs(power[1:]) + np.abs(power[:-1]))
+            off += 0.5 * spans * _relative_bend(v) * (np.abs(power[1:]) + np.abs(power[:-1]))
         return np.concatenate((np.zeros((1, *power.shape[1:])), np.cumsum(off, axis=0)))
 
 
-def _bent(v: Array) -> Array:
+def _relative_bend(v: Array) -> Array:
     """Relative bend of velocities in each interval (k - 1, ...), at most 1.
 
     |v_2 - 2 v_1 + v_0| / (|v_2| + |v_0|): about (omega h)^2 / 2 of a frequency that the samples

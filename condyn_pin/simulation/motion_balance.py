@@ -19,11 +19,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, shown
+from condyn_pin._core.arrays import Array, text_of
 from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.control.balancing import Balance, balanced
-from condyn_pin.control.support import Pressure, SupportPolygon, margin_within, pressed
+from condyn_pin.control.support import Pressure, SupportPolygon, floor_pressure, margin_within
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import InvalidArgument
@@ -98,7 +98,7 @@ def motion_balance(trajectory: Trajectory) -> MotionBalance:
     Takes a millisecond a sample.
     """
     if not isinstance(trajectory, Trajectory):
-        raise InvalidArgument(f"trajectory = {shown(trajectory)}: one of simulate is needed")
+        raise InvalidArgument(f"trajectory = {text_of(trajectory)}: one of simulate is needed")
     if not any(_may_press(phase.scene) for phase in trajectory.phases):
         raise InvalidArgument("trajectory: its scene has no contact that presses on a floor")
     found = list(balances(trajectory, range(len(trajectory.t))))
@@ -138,7 +138,7 @@ def pressure_of(
     scene: Scene, candidates: Candidates, q: Array, lam: Array, touching: set[str]
 ) -> Pressure:
     """Forces lam of constraints and touching contacts on the ground, and their points."""
-    held = pressed(Sites(scene, q), lam[: scene.rows])
+    held = floor_pressure(Sites(scene, q), lam[: scene.rows])
     if not touching:
         return held
     model = scene.robot.unedited

@@ -20,7 +20,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin.constraints.rows.bound import worst
+from condyn_pin.constraints.rows.bound import largest_violation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import Workspace
@@ -96,8 +96,8 @@ def judged_status(course: Course) -> tuple[RunStatus, str]:
     found = [
         (RunStatus.OPENED, left_open(course)),
         (RunStatus.OPENED, moved_apart(course)),
-        (RunStatus.PENETRATED, penetrated(course)),
-        (RunStatus.UNBALANCED, unbalanced(course)),
+        (RunStatus.PENETRATED, penetration_fault(course)),
+        (RunStatus.UNBALANCED, energy_fault(course)),
     ]
     left = [(status, said) for status, said in found if said]
     if not left:
@@ -116,7 +116,7 @@ def left_open(course: Course) -> str:
     if course.violation[when] <= limit:
         return ""
     scene = _at(course, when)
-    name, gap = worst(check(scene, course.q[when], None).violation)
+    name, gap = largest_violation(check(scene, course.q[when], None).violation)
     return (
         f"{name} is open by {gap} at t = {course.t[when]:.4g} s, more than {limit:.2g} m or rad: "
         f"{opening_cure(course.solver)}"
@@ -146,7 +146,7 @@ def moved_apart(course: Course) -> str:
         return ""
     scene = _at(course, when)
     of_each = check(scene, course.q[when], course.v[when]).constraint_velocity
-    name, rate = worst(of_each)
+    name, rate = largest_violation(of_each)
     return (
         f"the sides of {name} move apart at {rate.text('/s')} at t = {course.t[when]:.4g} s, more "
         f"than {limit:.2g} m/s or rad/s: use a smaller dt, or Projection(), which keeps J v = 0"
@@ -161,7 +161,7 @@ def _bend(course: Course, when: int) -> float:
     return 2 * course.dt * float(np.abs(gamma).max(initial=0.0))
 
 
-def penetrated(course: Course) -> str:
+def penetration_fault(course: Course) -> str:
     """Deepest contact, or joint past its stop, if it is beyond the limit."""
     worst_excess, said = 0.0, ""
     found = [
@@ -225,10 +225,10 @@ def _depth_cure(course: Course) -> str:
     return "use a smaller dt, or StewartTrinkle(), which pushes out what penetrates"
 
 
-def unbalanced(course: Course) -> str:
+def energy_fault(course: Course) -> str:
     """Largest energy without work, if it is beyond the limit."""
     energy, limit = course.energy, course.limits.energy
-    rest, scale = unexplained(course), energy.scale
+    rest, scale = unexplained_energy(course), energy.scale
     if _is_of_first_order(course.integrator):
         rest, lost = np.maximum(rest - of_a_step(course), 0.0), np.ptp(energy.springs)
         rest = np.where(energy.error < 0.0, np.maximum(rest - lost, 0.0), rest)
@@ -255,7 +255,7 @@ def energy_cure(course: Course) -> str:
     )
 
 
-def unexplained(course: Course) -> Array:
+def unexplained_energy(course: Course) -> Array:
     """Energy that appeared or vanished without work since the loops were closed (k,) [J].
 
     Less what the quadrature of work over the samples may be off by. Constraints that give way, or

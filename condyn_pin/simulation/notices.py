@@ -14,7 +14,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
 from condyn_pin.constraints.constraint import Constraint
-from condyn_pin.constraints.rows.bound import worst
+from condyn_pin.constraints.rows.bound import largest_violation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import (
     Sites,
@@ -34,12 +34,12 @@ from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.motion_status import (
     LARGER,
     energy_cure,
+    energy_fault,
     left_open,
     of_a_step,
     opening_cure,
     smallest_energy,
-    unbalanced,
-    unexplained,
+    unexplained_energy,
 )
 from condyn_pin.simulation.plan import default_solver
 from condyn_pin.simulation.records import Phase
@@ -103,20 +103,20 @@ def _open_constraints(trajectory: Trajectory) -> list[str]:
     when = int(violation.argmax())
     t = float(trajectory.t[when])
     scene = course.scene_at(when).at(t)
-    name, gap = worst(check(scene, trajectory.q[when], None).violation)
+    name, gap = largest_violation(check(scene, trajectory.q[when], None).violation)
     return [f"{name} is open by {gap} at t = {t:.4g} s: {opening_cure(trajectory.run.solver)}"]
 
 
 def _energy(trajectory: Trajectory) -> list[str]:
     """Return sentences on energy that no work accounts for, and on what steps added."""
     course, energy, said = trajectory.course, trajectory.energy, []
-    rest, least, scale = unexplained(course), smallest_energy(course), energy.scale
+    rest, least, scale = unexplained_energy(course), smallest_energy(course), energy.scale
     if not energy.passed > least:  # half a step late, energy is not lost
         rest = np.maximum(rest - 0.5 * of_a_step(course), 0.0)
     most, share = float(rest.max(initial=0.0)), tolerances.BALANCED
     # of what went in or out, unless that is next to nothing beside what went to and fro
     limit = max(least, share * max(min(energy.passed, scale), _LITTLE * scale))
-    status_says = trajectory.run.status.ok and unbalanced(course)
+    status_says = trajectory.run.status.ok and energy_fault(course)
     if not most <= limit and not status_says:
         t = float(trajectory.t[int(rest.argmax())])
         passed = f", {energy.passed:.3g} J in or out" if energy.passed < scale else ""
@@ -260,7 +260,7 @@ def answer_notices(trajectory: Trajectory, answers: Answers) -> list[str]:
             (t, notice)
             for t, answer in answers
             for notice in answer.notices
-            if notice not in of_file.union(_pulls(answer))  # the largest pull is said
+            if notice not in of_file.union(_pulling_contacts(answer))  # the largest pull is said
         ]
     said: dict[str, str] = {}
     remarked = [str(remark) for remark in run.remarks]
@@ -270,7 +270,7 @@ def answer_notices(trajectory: Trajectory, answers: Answers) -> list[str]:
     return list(said.values())
 
 
-def _pulls(answer: Solution) -> tuple[str, ...]:
+def _pulling_contacts(answer: Solution) -> tuple[str, ...]:
     return pulling(answer.forces, Sites(answer.scene, answer.q))
 
 

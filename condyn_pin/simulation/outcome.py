@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import shown
+from condyn_pin._core.arrays import text_of
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
@@ -82,7 +82,7 @@ class MotionLimits:
                 continue
             is_number = isinstance(value, int | float) and not isinstance(value, bool)
             if not is_number or isnan(value) or value <= 0:
-                raise InvalidArgument(f"{name} = {shown(value)}: a number > 0 is needed")
+                raise InvalidArgument(f"{name} = {text_of(value)}: a number > 0 is needed")
 
 
 def check_limits(limits: object) -> MotionLimits:
@@ -90,7 +90,7 @@ def check_limits(limits: object) -> MotionLimits:
     if limits is None:
         return MotionLimits()
     if not isinstance(limits, MotionLimits):
-        raise InvalidArgument(f"limits = {shown(limits)}: MotionLimits(...) is needed")
+        raise InvalidArgument(f"limits = {text_of(limits)}: MotionLimits(...) is needed")
     return limits
 
 
@@ -244,10 +244,12 @@ class Run:
     @property
     def choices(self) -> str:
         """Integrator, drift scheme and solver, with parameters that differ from the default."""
-        return ", ".join(_short(choice) for choice in (self.integrator, self.drift, self.solver))
+        return ", ".join(
+            _short_repr(choice) for choice in (self.integrator, self.drift, self.solver)
+        )
 
 
-def _short(value: Any) -> str:
+def _short_repr(value: Any) -> str:
     """Return the repr of a choice with those parameters that are not at their defaults."""
     parameters = (
         f"{f.name}={x!r}" for f in fields(value) if (x := getattr(value, f.name)) != f.default

@@ -188,7 +188,7 @@ def simulate(
         if bound.drive:
             times = [share * planned.duration for share in _LOOKS]
             check_along(bound.drive.along, bound.size, bound.name, times)
-    state = start(scene, q, v, planned, closed=close_start)
+    state = first_state(scene, q, v, planned, closed=close_start)
     if close_start:
         check_penetration(scene, state[0], planned.integrator)
     elif scene.rows and not _is_closed(scene, *state, planned):
@@ -290,7 +290,7 @@ def _run(
     return RunStatus.FINISHED, ""
 
 
-def start(
+def first_state(
     scene: Scene, q: ArrayLike, v: ArrayLike, plan: Plan, *, closed: bool = True
 ) -> tuple[Array, Array]:
     """Return the first state, which has to satisfy the constraints if it is to be closed."""
@@ -525,7 +525,7 @@ class HybridSimulator:
             self.phase = HybridPhase(after, self.plan)
             self.phase.remarks = self._remarks
         self.recorders.append(self.phase.begin(self.t, self.q, self.v, self._work))
-        self.happened.append(_happened(event, self.t, sample, before, self.phase.scene, change))
+        self.happened.append(_event_record(event, self.t, sample, before, self.phase.scene, change))
         self._watch.after_event(event, left, self._look(self.t, self.q, self.v), self._asked)
 
     def _placed(self, scene: Scene) -> Scene:
@@ -533,7 +533,7 @@ class HybridSimulator:
         return with_anchors(self.plan.effects.applied_to(scene), self.q, self._places)
 
 
-def _happened(
+def _event_record(
     event: Event, t: float, sample: int, before: Scene, after: Scene, change: Switch
 ) -> EventRecord:
     old, new = set(before.names), set(after.names)

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import FLOAT, check_called, joint_torques
-from condyn_pin._core.arrays import Array, finite, locked
+from condyn_pin._core.arrays import Array, finite, read_only_view
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.forces import AppliedForce, Loads
@@ -113,7 +113,7 @@ class Applied:
         return tau
 
     def _value(self, t: float, q: Array, v: Array) -> Array:
-        q, v = locked(q), locked(v)
+        q, v = read_only_view(q), read_only_view(v)
         tau = self._tau
         if self._function is not None:
             tau = self._function(t, q, v)
@@ -163,7 +163,7 @@ class Applied:
             return by_q, np.zeros((n, n))
         if self.jacobian is None:
             return self._differences(t, q, v)
-        q, v = locked(q), locked(v)
+        q, v = read_only_view(q), read_only_view(v)
         found = self.jacobian(t, q, v)
         if not (isinstance(found, tuple | list) and len(found) == 2):
             raise InvalidArgument(

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import show
-from condyn_pin._core.arguments import counted, renamed
+from condyn_pin._core.arguments import count_text, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.show import require_pandas
 from condyn_pin.constraints.rows.equations import Equations
@@ -25,9 +25,9 @@ from condyn_pin.simulation.measures import (
     Energy,
     Kinematics,
     damping_rate,
-    doubt,
     drive_power,
     gauge_of,
+    integral_error,
     is_accurate,
     work,
 )
@@ -361,7 +361,7 @@ class _Power:
             t, power = self._motion.t[its], self._at[its]
             parts.append(work(t, power, None if self.rate is None else self.rate[its]))
             between, v = self._between[its.start : its.stop - 1], self._motion.v[its]
-            doubts.append(doubt(t, power, parts[-1], between, v))
+            doubts.append(integral_error(t, power, parts[-1], between, v))
         return _chained(parts), _chained(doubts)
 
 
@@ -382,7 +382,7 @@ def _driven_work(trajectory: Trajectory) -> tuple[Array, Array]:
     for phase in trajectory.phases:
         t, power = trajectory.t[phase.samples], _drive_power(trajectory, phase)
         parts.append(work(t, power))
-        doubts.append(doubt(t, power, parts[-1], 0.5 * (power[1:] + power[:-1])))
+        doubts.append(integral_error(t, power, parts[-1], 0.5 * (power[1:] + power[:-1])))
     return _chained(parts), _chained(doubts)
 
 
@@ -430,7 +430,7 @@ def _counts(scene: Scene) -> str:
     """Numbers of constraint rows and of contacts of a scene, in words."""
     contacts = sum(len(bound.candidates) for bound in scene.contact_bounds)
     rows = [f"{scene.rows} rows"] if scene.rows or not contacts else []
-    return ", ".join([*rows, *([counted(contacts, "contact")] if contacts else [])])
+    return ", ".join([*rows, *([count_text(contacts, "contact")] if contacts else [])])
 
 
 def _constraint_lines(motion: Trajectory) -> list[str]:
@@ -499,7 +499,7 @@ def trajectory_html(trajectory: Trajectory) -> str:
         else "",
         show.curve("energy", t, energy.total, "J"),
         show.curve("energy that nothing explains", t, np.abs(energy.error), "J"),
-        show.folded(
+        show.folded_html(
             f"{len(run.happened)} events" + (f", the first {_EVENTS} here" if more > 0 else ""),
             show.grid(("event", "t [s]"), events),
             count=len(events),

@@ -106,7 +106,7 @@ def bodies_passed(trajectory: Trajectory) -> list[str]:
     for phase in trajectory.phases if solids else ():
         start, stop, _ = phase.samples.indices(len(trajectory.t))
         here = looks[(start <= looks) & (looks < stop)]
-        for found in _passed(trajectory, phase.scene, here, solids):
+        for found in _penetrating_bodies(trajectory, phase.scene, here, solids):
             key = found.solid.link, found.plane.name
             before = worst.get(key)
             first = min(found.first, before.first) if before else found.first
@@ -132,7 +132,7 @@ def _text(found: _Passed, t0: float, taken: set[str]) -> str:
     )
 
 
-def _passed(
+def _penetrating_bodies(
     trajectory: Trajectory, scene: Scene, looks: NDArray[np.int_], solids: tuple[_Solid, ...]
 ) -> list[_Passed]:
     """Bodies that are in a plane of a scene at some samples, by more than they may be."""
@@ -172,7 +172,7 @@ def _planes(scene: Scene) -> list[_Ground]:
             height = float(n @ at)
             key = (touch.ground, *np.round([*n, height], 9).tolist())
             if key not in found:
-                words = _words(scene, touch.ground, n, height)
+                words = _plane_in_words(scene, touch.ground, n, height)
                 apart = _excluded_bodies(scene.robot, touch.ground)
                 found[key] = _Ground(*words, touch.ground, touch.plane, touch.friction, {}, apart)
             found[key].allowed[touch.joint] = tolerances.FEET_IN_THE_GROUND
@@ -187,7 +187,7 @@ def _excluded_bodies(robot: Robot, joint: int) -> frozenset[str]:
     return frozenset().union(*(names for names in robot.exclusions if here.intersection(names)))
 
 
-def _words(scene: Scene, ground: int, n: Array, height: float) -> tuple[str, str]:
+def _plane_in_words(scene: Scene, ground: int, n: Array, height: float) -> tuple[str, str]:
     """Name of a plane, and how a FrictionalContact says it."""
     if ground:
         return f"that {scene.robot.model.names[ground]} carries", ", on=..., on_shape=Plane(...)"
@@ -203,7 +203,9 @@ def _solids(robot: Robot) -> tuple[_Solid, ...]:
     frames = {f.name: f for f in robot.model.frames if f.type == pin.FrameType.BODY}
     made = []
     file = robot.description
-    for link, kind, corners in _read(file, robot.name, (*robot.package_dirs,), _age(file)):
+    for link, kind, corners in _collision_corners(
+        file, robot.name, (*robot.package_dirs,), _age(file)
+    ):
         frame = frames.get(link)
         if frame is None or not frame.parentJoint:
             continue
@@ -235,7 +237,7 @@ def _age(description: str) -> float:
 
 
 @lru_cache(maxsize=16)
-def _read(
+def _collision_corners(
     description: str, model: str, package_dirs: tuple[str, ...], _age: float
 ) -> tuple[tuple[str, str, Array], ...]:
     """Link, kind and corners (k, 3) in the axes of the link of each collision shape of a file."""

@@ -35,7 +35,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.joints import by_joint
-from condyn_pin.simulation.batch.inputs import DrivenPath, Recipe, check_states, loose
+from condyn_pin.simulation.batch.inputs import DrivenPath, Recipe, check_states, denormalised_parts
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, sizes_of_gaps
 from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.manifold import Manifold
@@ -422,6 +422,6 @@ def states_of(workspace: Workspace, inputs: Arrays) -> tuple[Array, Array, Array
     """Return q, v and tau of the rows of a chunk, as the core takes them."""
     robot, q0 = workspace.scene.robot, inputs["q0"].copy()
     # most have nothing to be normalised, and cost no call each; squared, the limit is half of it
-    for i, _, _ in loose(robot, q0, 1.0 - NORMALISED, 1.0 + NORMALISED):
+    for i, _, _ in denormalised_parts(robot, q0, 1.0 - NORMALISED, 1.0 + NORMALISED):
         q0[i] = normalised(workspace.model, "q", q0[i])
     return q0, inputs["v0"], contiguous(inputs["tau0"], len(q0))

@@ -33,7 +33,7 @@ from condyn_pin.stepping.modes import (
     Margins,
     ModeDynamics,
     fallen,
-    margins,
+    mode_margins,
 )
 from condyn_pin.stepping.transition import NextModes, PhaseStart, Transition
 
@@ -234,7 +234,7 @@ class _Try(NamedTuple):
     h: float
     terms: ContactTerms
     held: FixedModes
-    margins: Margins
+    mode_margins: Margins
 
 
 class Segments:
@@ -310,7 +310,10 @@ class Segments:
             terms = ContactTerms(self._system, terms.t + size, q, v)
         held = dynamics.solve(terms)
         return _Try(
-            size, terms, held, margins(self._candidates, dynamics, now.terms, terms, held, share)
+            size,
+            terms,
+            held,
+            mode_margins(self._candidates, dynamics, now.terms, terms, held, share),
         )
 
     def _share(
@@ -319,7 +322,7 @@ class Segments:
         """Share of a segment at which a margin is zero, and the part of that margin."""
         from scipy.optimize import brentq
 
-        begun = margins(self._candidates, dynamics, now.terms, now.terms, now.held, 0.0)
+        begun = mode_margins(self._candidates, dynamics, now.terms, now.terms, now.held, 0.0)
         first, last = float(begun[part][i]), float(made.margins[part][i])
         if part == 0 and now.terms.touches[i]:  # its gap over no share at all
             first = max(made.h * float(now.terms.closing[i]), -last * _FOUND)

@@ -353,28 +353,34 @@ class LoadSharing(NamedTuple):
     least: float  # the least margin, relative to the largest force
 
 
-def shared(candidates: Candidates, dynamics: ModeDynamics, terms: ContactTerms) -> LoadSharing:
+def shared_loads(
+    candidates: Candidates, dynamics: ModeDynamics, terms: ContactTerms
+) -> LoadSharing:
     """Load sharing of redundant contacts with forces within their limits, where possible."""
-    even = _with(candidates, dynamics, terms, np.zeros(len(terms.J)))
+    even = _with_limits(candidates, dynamics, terms, np.zeros(len(terms.J)))
     if even.least > AT_ITS_END:
         return even
-    found = _with(candidates, dynamics, terms, dynamics.lam)
+    found = _with_limits(candidates, dynamics, terms, dynamics.lam)
     if found.least > AT_ITS_END:
         return found
     lam = _centred(candidates, found, terms)
-    return found if lam is None else max(found, _with(candidates, dynamics, terms, lam), key=_least)
+    return (
+        found
+        if lam is None
+        else max(found, _with_limits(candidates, dynamics, terms, lam), key=_least_margin)
+    )
 
 
-def _least(shares: LoadSharing) -> float:
+def _least_margin(shares: LoadSharing) -> float:
     return shares.least
 
 
-def _with(
+def _with_limits(
     candidates: Candidates, dynamics: ModeDynamics, terms: ContactTerms, lam: Array
 ) -> LoadSharing:
     dynamics = dynamics.with_forces(lam)
     held = dynamics.solve(terms)
-    parts = margins(candidates, dynamics, terms, terms, held, 0.0)[1:4]
+    parts = mode_margins(candidates, dynamics, terms, terms, held, 0.0)[1:4]
     largest = float(np.abs(held.lam).max(initial=0.0)) or 1.0
     return LoadSharing(
         dynamics, held, min(float(part.min(initial=np.inf)) for part in parts) / largest
@@ -404,7 +410,7 @@ def _centred(candidates: Candidates, found: LoadSharing, terms: ContactTerms) ->
         best = np.asarray(lam0 + free @ answer.x[:-1])
         F = best[: 3 * candidates.cones].reshape(-1, 3)[:, :2]
         pull = np.hypot(F[:, 0], F[:, 1])
-        within = _with(candidates, found.dynamics, terms, best).least
+        within = _with_limits(candidates, found.dynamics, terms, best).least
         if within > answer.x[-1] / 2 or not answer.x[-1] > AT_ITS_END:
             return best
         facets = [
@@ -494,7 +500,7 @@ class Margins(NamedTuple):
     dry_slips: Array
 
 
-def margins(
+def mode_margins(
     candidates: Candidates,
     dynamics: ModeDynamics,
     begun: ContactTerms,

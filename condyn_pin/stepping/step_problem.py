@@ -473,7 +473,7 @@ def answered(posed: StepProblem, solver: ContactSolver) -> StepAttempt:
     """
     problem, accuracy = posed.problem, tolerances.CONTACT_SOLVED
     if not solver.exact:
-        return _with(posed, *attempt_contact(problem, solver, None, accuracy))
+        return _with_answer(posed, *attempt_contact(problem, solver, None, accuracy))
     found, natural = first_attempt(problem, solver, None, accuracy)
     for is_best in (False, True):
         if natural <= accuracy:
@@ -485,10 +485,10 @@ def answered(posed: StepProblem, solver: ContactSolver) -> StepAttempt:
             found, natural = attempt_contact(problem, solver, found.lam, accuracy)
         elif not is_best:
             found, natural = fallbacks(problem, solver, found, accuracy)
-    return _with(posed, found, natural)
+    return _with_answer(posed, found, natural)
 
 
-def _with(posed: StepProblem, found: SolverResult, natural: float) -> StepAttempt:
+def _with_answer(posed: StepProblem, found: SolverResult, natural: float) -> StepAttempt:
     if posed.strike is not None and not posed.strike.natural <= natural:
         natural = posed.strike.natural
     return StepAttempt(posed, posed.velocity(found.lam), found, natural)

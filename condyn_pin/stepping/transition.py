@@ -36,7 +36,7 @@ from condyn_pin.stepping.modes import (
     FixedModes,
     ModeDynamics,
     let_go,
-    shared,
+    shared_loads,
 )
 
 # Velocities of what stands still that are rounding, relative to the speed of the robot.
@@ -149,7 +149,7 @@ class Transition:
         self, terms: ContactTerms, dynamics: ModeDynamics, at_end: bool
     ) -> tuple[ModeDynamics, FixedModes]:
         """Modes of the motion that follows and their forces, with the load shared."""
-        shares = shared(self._system.contacts, dynamics, terms)
+        shares = shared_loads(self._system.contacts, dynamics, terms)
         if not at_end or shares.least > AT_ITS_END:
             return shares.dynamics, shares.held
         dynamics = let_go(self._system.contacts, shares)

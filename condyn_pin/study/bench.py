@@ -35,7 +35,7 @@ from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.solvers.pv import PV
 from condyn_pin.dynamics.solvers.solver import Solver
-from condyn_pin.dynamics.workspace import Workspace, unsupported
+from condyn_pin.dynamics.workspace import Workspace, unsupported_constraints
 from condyn_pin.errors import Interrupted
 from condyn_pin.io.load import load_robot
 from condyn_pin.study.case import Case, measure_errors, prepare
@@ -127,7 +127,7 @@ def bench_scene(
     """Time some methods on one scene."""
     case = prepare(label, scene, AccelerationMeasure(), SampledStates(effort.states), SOLVED)
     asked = solvers or [*_solvers(scene), *([ConstrainedABA(), PV()] if native else [])]
-    chosen = [s for s in asked if not unsupported(scene, s)]
+    chosen = [s for s in asked if not unsupported_constraints(scene, s)]
     damping = _damping(scene)
     compiled: list[_Candidate] = []
     if native:
@@ -159,7 +159,7 @@ def bench_scene(
         if candidates[i].is_dense and what in ("once", CPP):
             fastest[what] = min(fastest.get(what, spent), spent, key=lambda each: each.median)
     return [
-        _timed(c.row, {what: times[i, what] for what in c.calls}, fastest, len(case.states))
+        _timed_row(c.row, {what: times[i, what] for what in c.calls}, fastest, len(case.states))
         for i, c in enumerate(candidates)
     ]
 
@@ -197,7 +197,7 @@ def _equations(case: Case, method: str, call: Call) -> _Candidate:
     return _Candidate(row, {"once": call} if isfinite(error) else {}, True)
 
 
-def _timed(
+def _timed_row(
     row: BenchRow, times: Mapping[str, Times], fastest: Mapping[str, Times], states: int
 ) -> BenchRow:
     """Row with its times, beside those of the fastest dense ones; a call of `CPP` is all states."""
@@ -266,7 +266,7 @@ FREE: Final = "pinocchio::aba"
 def _methods(case: Case, damping: float) -> Iterator[tuple[str, CompiledMethod]]:
     scene, settings = case.scene, {}
     for name, kind in _OF_SOLVERS.items():
-        if not kind.missing() and not unsupported(scene, kind()):
+        if not kind.missing() and not unsupported_constraints(scene, kind()):
             settings[name] = _settings(Workspace(scene, kind()))
     workspace = Workspace(scene)
     constraints = workspace.pinocchio_constraints.constraints

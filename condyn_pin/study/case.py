@@ -237,7 +237,7 @@ def measure_times(
     times = interleaved(
         calls, states, rounds=effort.rounds, repeats=effort.repeats, enough=_SAMPLE, tick=tick
     )
-    said = _said(perf_counter() - began, process_time() - worked)
+    said = _timing_remark(perf_counter() - began, process_time() - worked)
     for candidate, row in timed.items():
         once = times[candidate, "once"]
         bare, solve = (times.get((candidate, what)) for what in ("bare", "solve"))
@@ -269,7 +269,7 @@ def _built(
     return {each: float(np.median(spent)) for each, spent in samples.items()}, workspaces
 
 
-def _said(passed: float, worked: float) -> str:
+def _timing_remark(passed: float, worked: float) -> str:
     """Timing remark of a row: on a core of its own, or the share of the core it had."""
     share = worked / passed if passed else 1.0
     if share >= _OWNED:

@@ -224,7 +224,7 @@ def promising(solver: Method, error: float) -> Method:
 
 def solver_of(row: Row) -> Method:
     """Return the solver of a row, with its parameters."""
-    solver = made(row.solver.split("(")[0], row.parameters)
+    solver = solver_of_row(row.solver.split("(")[0], row.parameters)
     if repr(solver) != row.solver:
         raise InvalidArgument(
             f"{row.solver}: with its parameters it is {solver!r}; run the study again"
@@ -232,7 +232,7 @@ def solver_of(row: Row) -> Method:
     return solver
 
 
-def made(name: str, parameters: Mapping[str, Parameter]) -> Method:
+def solver_of_row(name: str, parameters: Mapping[str, Parameter]) -> Method:
     """Return the solver of a class name, with parameters as in rows: a tuple as text."""
     kind = method_named(name)
     if kind is None:
@@ -375,7 +375,7 @@ def fingerprint(scene: Scene) -> str:
     return digest.hexdigest()
 
 
-def here() -> dict[str, str]:
+def this_machine() -> dict[str, str]:
     """Return the processor, system and versions for which a plan of this machine is valid."""
     found = machine()
     return {key: found[key] for key in _FITS}
@@ -397,11 +397,11 @@ def folder() -> Path:
 
 def path_of(fingerprint: str, measure: str, error: float) -> Path:
     """Return the path of a plan for this machine; the file need not exist."""
-    key = json.dumps([measure, float(error), here()])
+    key = json.dumps([measure, float(error), this_machine()])
     return folder() / fingerprint[:32] / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.json"
 
 
-def keep(plan: Plan) -> None:
+def write_plan(plan: Plan) -> None:
     """Write the file of a plan atomically: another process reads the old one or the new one."""
     path = path_of(plan.fingerprint, plan.measure, plan.error)
     text = json.dumps({"format": FORMAT} | plan.as_dict(), indent=1, allow_nan=False)
@@ -430,7 +430,7 @@ def _no_place(why: str) -> InvalidArgument:
     )
 
 
-def read(path: Path) -> Plan:
+def read_plan(path: Path) -> Plan:
     """Return the plan in a file; InvalidArgument if it is cut off, edited, or of another format."""
     try:
         saved = parse_json(read_text(path))
@@ -446,7 +446,7 @@ def plans_of(fingerprint: str) -> tuple[Plan, ...]:
     found = []
     for path in sorted((folder() / fingerprint[:32]).glob("*.json")):
         try:
-            found.append(read(path))
+            found.append(read_plan(path))
         except InvalidArgument:
             continue
     return tuple(found)

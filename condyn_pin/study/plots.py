@@ -15,7 +15,7 @@ from condyn_pin._core.show import (
     METHODS,
     OTHER,
     axes,
-    finished,
+    labelled_axes,
     panels,
     write_figure,
 )
@@ -99,7 +99,7 @@ def _in_microseconds(ax: Any, x: str, y: str, title: str) -> Any:
     ticks = _ticks(*ax.get_xlim())
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
-    return finished(ax, title=title, x=x, y=y)
+    return labelled_axes(ax, title=title, x=x, y=y)
 
 
 # The bench

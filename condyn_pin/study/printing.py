@@ -45,14 +45,14 @@ def print_table(table: Table, console: Console) -> None:
     if table.rows:
         console.print(
             "error: median and worst over the states, relative. Times: median and p95 of what the "
-            f"measure calls. {timed(table)}\n{table.machine.get('processor')}, "
+            f"measure calls. {timing_sentence(table)}\n{table.machine.get('processor')}, "
             f"Pinocchio {table.machine.get('pinocchio')}, one thread.",
             highlight=False,
             soft_wrap=True,
         )
 
 
-def timed(table: Table) -> str:
+def timing_sentence(table: Table) -> str:
     """Return the count of times taken on a core of its own, as a sentence."""
     rows = [row for row in table.rows if row.median_us is not None]
     alone = sum(row.timed == ALONE for row in rows)

@@ -53,7 +53,7 @@ class States(ABC):
         return True
 
 
-def _compensated(scene: Scene, q: Array, v: Array, tau: Array) -> State:
+def _gravity_compensated(scene: Scene, q: Array, v: Array, tau: Array) -> State:
     has_motors = bool(scene.robot.motor_joints)
     return q, 0 * v, gravity_compensation(scene.bilateral, q).tau if has_motors else 0 * tau
 
@@ -62,7 +62,7 @@ def _compensated(scene: Scene, q: Array, v: Array, tau: Array) -> State:
 LOADS: Final[Mapping[str, Callable[[Scene, Array, Array, Array], State]]] = {
     "random": lambda scene, q, v, tau: (q, v, tau),
     "zero": lambda scene, q, v, tau: (q, v, 0 * tau),
-    "compensated": _compensated,
+    "compensated": _gravity_compensated,
     "rest": lambda scene, q, v, tau: (q, 0 * v, 0 * tau),
 }
 
@@ -126,7 +126,7 @@ class SampledStates(States):
 
         Other loads are put on the same q and v.
         """
-        return _drawn(name) == _drawn(self.name)
+        return _sampling_parameters(name) == _sampling_parameters(self.name)
 
     def of(self, scene: Scene) -> tuple[State, ...]:
         """Return the states of a scene."""
@@ -294,7 +294,7 @@ class NoisyStates(States):
         return pin.integrate(scene.robot.model, q, -dq), v - dv, tau
 
 
-def _drawn(name: str) -> str:
+def _sampling_parameters(name: str) -> str:
     """Seed, spread and speed in the name of a sampled set; of any other set, the name."""
     found = re.fullmatch(r"\d+ sampled.*?(, seed .*)", name)
     return found[1] if found else name

@@ -18,7 +18,7 @@ from condyn_pin._core.work import map_chunks
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.solvers.solver import Solver
-from condyn_pin.dynamics.workspace import unsupported
+from condyn_pin.dynamics.workspace import unsupported_constraints
 from condyn_pin.errors import (
     CondynError,
     Interrupted,
@@ -44,9 +44,9 @@ from condyn_pin.study.fresh import (
     Plan,
     check_error,
     fingerprint,
-    made,
     promising,
     solver_of,
+    solver_of_row,
 )
 from condyn_pin.study.measures.acceleration import AccelerationMeasure
 from condyn_pin.study.measures.measure import Measure, as_measure
@@ -302,7 +302,7 @@ class StudyRun:
     def _each(self, calls: Sequence[Callable[[], _T]]) -> Iterator[tuple[int, _T]]:
         """Run the calls, here or on the executor; yield (index, result) as they finish."""
         try:
-            yield from map_chunks(_called, calls, executor=self._executor)
+            yield from map_chunks(_call, calls, executor=self._executor)
         except WorkersLost as lost:
             raise WorkersLost(
                 f"{lost}. Its `done` has what was measured, and with results=PATH the next run "
@@ -311,7 +311,7 @@ class StudyRun:
             ) from lost
 
 
-def _called(call: Callable[[], _T]) -> _T:
+def _call(call: Callable[[], _T]) -> _T:
     return call()
 
 
@@ -387,7 +387,9 @@ def default_sweep(scene: Scene, measure: Measure = _ACCELERATION) -> tuple[Metho
         method = kind()
         if isinstance(method, Reference):
             continue
-        refuses = isinstance(method, Solver) and (method.missing() or unsupported(scene, method))
+        refuses = isinstance(method, Solver) and (
+            method.missing() or unsupported_constraints(scene, method)
+        )
         chosen += [method] if refuses else sweep(method)
     return tuple(chosen)
 
@@ -449,7 +451,7 @@ def tune(
         plans.check_folder()
     choice = choose(scene, error, measure=measure, solvers=solvers, progress=progress)
     if save:
-        keep(scene, choice)
+        write_plan_of(scene, choice)
     return cast(Solver, choice.solver)  # or a contact solver, where the measure is of those
 
 
@@ -470,17 +472,17 @@ def choose(
     meeting = [row for row in seen.rows if row.answered and row.error_worst <= error]
     if not meeting:
         return seen.cheapest(error, measure=asked)  # raises, with the best that was found
-    glance = _timed(seen.scenes[label], meeting, _GLANCE, measure, progress)
+    glance = _time_rows(seen.scenes[label], meeting, _GLANCE, measure, progress)
     rows = [row for row in glance.rows if row.comparable]
     near = [row for row in rows if row.us <= _NEAR * min(r.us for r in rows)]
-    looked = _timed(seen.scenes[label], near, _LOOK, measure, progress)
+    looked = _time_rows(seen.scenes[label], near, _LOOK, measure, progress)
     try:
         return looked.cheapest(error, measure=asked)
     except NotReached:  # all that are near the fastest fail at fresh states: slower ones may not
         return glance.cheapest(error, measure=asked)
 
 
-def _timed(
+def _time_rows(
     scene: Scene, rows: Sequence[Row], effort: TimingEffort, measure: str, progress: Progress
 ) -> Table:
     solvers = [solver_of(row) for row in rows]
@@ -519,17 +521,19 @@ def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration")
     more = "" if measure == "acceleration" else f", measure={measure!r}"
     call = f"condyn_pin.study.tune(scene, {error:g}{more})"
     if not path.exists():
-        raise NotTuned(f"no plan for this scene to {error:g}{_others(found)}; {call} makes one")
+        raise NotTuned(
+            f"no plan for this scene to {error:g}{_other_plans(found)}; {call} makes one"
+        )
     try:
-        plan = plans.read(path)
-        return cast(Solver, promising(made(plan.solver, plan.parameters), error))
+        plan = plans.read_plan(path)
+        return cast(Solver, promising(solver_of_row(plan.solver, plan.parameters), error))
     except CondynError as reason:
         raise NotTuned(f"{reason}; {call} makes a new one") from reason
 
 
-def _others(found: str) -> str:
+def _other_plans(found: str) -> str:
     """Existing plans of the scene, and why they do not hold on this machine, as text."""
-    here, said = plans.here(), []
+    here, said = plans.this_machine(), []
     for plan in plans.plans_of(found):
         differs = [
             f"{key} {plan.where.get(key)}" for key in here if plan.where.get(key) != here[key]
@@ -540,10 +544,10 @@ def _others(found: str) -> str:
     return f" (there is one for {', '.join(said)})" if said else ""
 
 
-def keep(scene: Scene, choice: Choice) -> Plan:
+def write_plan_of(scene: Scene, choice: Choice) -> Plan:
     """Write the plan of a choice for a scene, where `tuned` finds it."""
     plan = plan_for(scene, choice)
-    plans.keep(plan)
+    plans.write_plan(plan)
     return plan
 
 
@@ -559,6 +563,6 @@ def plan_for(scene: Scene, choice: Choice) -> Plan:
         found=choice.fresh.error,
         expected=choice.fresh.expected,
         states=choice.fresh.states,
-        where=plans.here(),
+        where=plans.this_machine(),
         date=machine()["date"],
     )

@@ -62,13 +62,13 @@ class Record:
             odd = sorted(needed - set(saved) | set(saved) - set(known))
             raise InvalidArgument(f"missing, or not a field of a {cls.__name__}: {', '.join(odd)}")
         for name, value in saved.items():
-            if wanted := _refused(str(known[name].type), value, cls.unknown is not None):
+            if wanted := _needed_type(str(known[name].type), value, cls.unknown is not None):
                 raise InvalidArgument(f"{name} = {value!r}: {wanted} needed")
         nulls = {n for n, value in saved.items() if value is None and known[n].type == "float"}
         return cls(**{**saved, **dict.fromkeys(nulls, cls.unknown)})
 
 
-def _refused(kind: str, value: Any, takes_null: bool) -> str:
+def _needed_type(kind: str, value: Any, takes_null: bool) -> str:
     """Type that a field of a kind needs instead of a value, as text; empty if the value fits."""
     if kind in ("str", "int"):
         return "" if type(value).__name__ == kind else f"{kind} is"
@@ -176,7 +176,7 @@ class Measurements(Generic[AnyRow]):
         return show.page(
             f"{type(self).__name__} of {len(self)} rows",
             show.grid([heading for heading, _ in self.columns], self.cells()),
-            show.folded("measured on", show.facts(self.machine.items())),
+            show.folded_html("measured on", show.facts(self.machine.items())),
         )
 
     def __len__(self) -> int:

@@ -39,8 +39,8 @@ from condyn_pin.viewing.part import (
     at_point,
     joint_pose,
     mode_colour,
+    pose_from,
     span,
-    then,
 )
 
 _LIGHT: Final = 30_000  # triangles of a robot that is to be light
@@ -190,7 +190,7 @@ def touch_parts(
         for name, _ in bound.cones:
             path = f"{_folder(bound, instants)}/{name}/point"
             ball = ((meshes.sphere(_POINT * size), mode_colour("")),)
-            pose = then(_of(name), lambda here: at_point(here.at))
+            pose = pose_from(_of(name), lambda here: at_point(here.at))
             yield Part(path, pose, ball, on_top=True, tint=partial(_point_colour, name))
             if cones:
                 yield _cone_part(name, size)
@@ -222,7 +222,7 @@ def _shape_colour(bound: BoundContact, at: Instant) -> Colour:
 
 def _cone_part(name: str, size: float) -> Part:
     """Friction cone of a contact, its slant height the same for all friction coefficients."""
-    unit = ((meshes.turned([(0.0, 0.0), (1.0, 1.0), (0.0, 1.0)]), CONE),)
+    unit = ((meshes.solid_of_revolution([(0.0, 0.0), (1.0, 1.0), (0.0, 1.0)]), CONE),)
 
     def pose(at: Instant) -> Array | None:
         here = at.touching.get(name)

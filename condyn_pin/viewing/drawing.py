@@ -41,20 +41,20 @@ from condyn_pin.viewing.marks import (
     legend_of,
     mass_parts,
     spacing,
-    spread,
+    spread_labels,
     spring_parts,
 )
 from condyn_pin.viewing.motion import (
     FROM,
+    drawn_samples,
     eye_at,
     gaps_of,
     instants_of,
     peaks_of,
-    shown,
     toward_of,
     tracks,
 )
-from condyn_pin.viewing.part import Command, Part, packed
+from condyn_pin.viewing.part import Command, Part, packed_command
 
 _SLASH = "\N{DIVISION SLASH}"  # looks like one, and parts nothing
 
@@ -170,7 +170,7 @@ def draw(
     if light:
         bodies = lighter(bodies, size)
     bodies = tuple(with_coarse(bodies, size))
-    worst = _worst((at.gaps for at in instants) if gaps is None else gaps)
+    worst = _largest_gaps((at.gaps for at in instants) if gaps is None else gaps)
     parts = [floor_part(middle, size), *bodies]
     parts += [*joint_parts(robot, size), *spring_parts(robot, size)]
     parts += _constraint_parts(scenes, instants, worst, peaks or {}, size, cones)
@@ -181,7 +181,9 @@ def draw(
         parts += [part.ghost(before) for part in (*bodies, *opened)]
     unique = {part.path: part for part in parts}  # a contact of several phases is drawn once
     toward = toward_of(plane_normal(robot, instants[0]))
-    placed = spread(tuple(_apart(unique.values())), instants[0], eye_at(middle, size, toward))
+    placed = spread_labels(
+        tuple(_without_nested_names(unique.values())), instants[0], eye_at(middle, size, toward)
+    )
     when = np.arange(len(instants), dtype=float) if frames is None else frames
     return Drawing(
         title=title,
@@ -210,17 +212,17 @@ def _constraint_parts(
         yield from arrow_parts(scene, instants, size, peaks)
 
 
-def _apart(parts: Iterable[Part]) -> Iterator[Part]:
+def _without_nested_names(parts: Iterable[Part]) -> Iterator[Part]:
     """Parts renamed so that none is a child of another one in meshcat's tree.
 
     The names of two joints may be ``arm`` and ``arm/tip``; an empty name between slashes counts for
     nothing there.
     """
     parts = list(parts)
-    taken = {_words(part.path) for part in parts}
+    taken = {_name_in_words(part.path) for part in parts}
     seen: set[tuple[str, ...]] = set()
     for part in parts:
-        words = _words(part.path)
+        words = _name_in_words(part.path)
         above = [words[:k] for k in range(1, len(words)) if words[:k] in taken]
         if above or words in seen:
             kept = len(above[0]) - 1 if above else 1
@@ -232,11 +234,13 @@ def _apart(parts: Iterable[Part]) -> Iterator[Part]:
         seen.add(words)
 
 
-def _words(path: str) -> tuple[str, ...]:
+def _name_in_words(path: str) -> tuple[str, ...]:
     return tuple(word for word in path.split("/") if word)
 
 
-def _worst(gaps: Iterable[Mapping[str, ConstraintViolation]]) -> dict[str, ConstraintViolation]:
+def _largest_gaps(
+    gaps: Iterable[Mapping[str, ConstraintViolation]],
+) -> dict[str, ConstraintViolation]:
     """Return the largest gap of each constraint."""
     worst: dict[str, ConstraintViolation] = {}
     for each in gaps:
@@ -399,7 +403,7 @@ def _motion(trajectory: Trajectory, speed: float, look: ViewOptions) -> Drawing:
     """Return the drawing of a whole motion."""
     scenes = [phase.scene for phase in trajectory.phases]
     fps = _FPS / speed  # pictures for each second of the motion
-    samples = shown(trajectory, fps)
+    samples = drawn_samples(trajectory, fps)
     instants = instants_of(trajectory, samples.tolist(), forces=look.forces, balance=look.balance)
     frames = fps * (trajectory.t[samples] - trajectory.t[0])
     duration = trajectory.t[-1] - trajectory.t[0]
@@ -539,7 +543,7 @@ def page(
         script=script.replace("</script", "<\\/script"),  # no text of it ends the element
         lamp=_LAMP,
         viewer=_VIEWER,
-        commands="\n".join(f'draw("{packed(command)}");' for command in commands),
+        commands="\n".join(f'draw("{packed_command(command)}");' for command in commands),
         position=_y_up(camera),
         target=_y_up(target),
         speed=speed,

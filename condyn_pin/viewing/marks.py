@@ -52,8 +52,8 @@ from condyn_pin.viewing.part import (
     at_point,
     gap_colour,
     joint_pose,
+    pose_from,
     span,
-    then,
 )
 
 _FOLDS = 12  # of bellows
@@ -92,7 +92,7 @@ def spring_parts(robot: Robot, size: float) -> Iterator[Part]:
     heights = np.linspace(0.0, 1.0, 2 * _FOLDS + 1)
     radii = 0.008 * size * np.where(np.arange(len(heights)) % 2, 1.0, 0.4)
     radii[[0, -1]] = 0.0
-    bellows = meshes.turned(np.column_stack([radii, heights]), 12)
+    bellows = meshes.solid_of_revolution(np.column_stack([radii, heights]), 12)
     for each in robot.spring_dampers:
         pose = _between(robot.frame(each.frame_a), robot.frame(each.frame_b))
         yield Part(f"springs/{each.frame_a} - {each.frame_b}", pose, ((bellows, SPRING),))
@@ -240,7 +240,7 @@ def arrow_parts(
             if length > _LEAST * largest and largest > least:
                 body = body_of(scene.robot, on)
                 words = f"{length:.3g} {unit} {'at most ' if moves else ''}on {body}"
-                yield from _drawn(arrow, words, body, _LARGEST * size / largest, size)
+                yield from _arrow_parts(arrow, words, body, _LARGEST * size / largest, size)
 
 
 def _arrows(
@@ -252,7 +252,7 @@ def _arrows(
     if moment:
         yield _Arrow(name, first, angular, "N m", MOMENT)
     if between:
-        yield _Arrow(name, _other(first), linear, "N", REACTION)
+        yield _Arrow(name, _other_end(first), linear, "N", REACTION)
 
 
 def _force_of(name: str, at: Instant) -> ConstraintForce | None:
@@ -263,7 +263,7 @@ def _touch_of(name: str, at: Instant) -> ContactView | None:
     return at.touching.get(name)
 
 
-def _other(first: Callable[[Instant], _Acting | None]) -> Callable[[Instant], _Acting | None]:
+def _other_end(first: Callable[[Instant], _Acting | None]) -> Callable[[Instant], _Acting | None]:
     def other(at: Instant) -> _Acting | None:
         force = first(at)
         return None if force is None else force.on_other()
@@ -271,7 +271,7 @@ def _other(first: Callable[[Instant], _Acting | None]) -> Callable[[Instant], _A
     return other
 
 
-def _drawn(arrow: _Arrow, words: str, on: str, scale: float, size: float) -> Iterator[Part]:
+def _arrow_parts(arrow: _Arrow, words: str, on: str, scale: float, size: float) -> Iterator[Part]:
     def ends(at: Instant) -> tuple[Array, Array] | None:
         found = arrow.vector(at)
         if found is None or np.linalg.norm(found[1]) * scale < _LEAST * size:
@@ -280,11 +280,14 @@ def _drawn(arrow: _Arrow, words: str, on: str, scale: float, size: float) -> Ite
 
     kind = "moments" if arrow.unit == "N m" else "forces"
     path = f"{kind}/{arrow.name}/on {on.replace('/', ' ')}"
-    pose, tip = then(ends, lambda both: span(*both)), then(ends, lambda both: at_point(both[1]))
+    pose, tip = (
+        pose_from(ends, lambda both: span(*both)),
+        pose_from(ends, lambda both: at_point(both[1])),
+    )
     radius = 0.007 * size
     head = 2.2 * radius
     profile = [(0.0, 0.0), (radius, 0.0), (radius, 0.8), (head, 0.8), (0.0, 1.0)]
-    shape = meshes.turned(profile, 16)  # along z from 0 to 1
+    shape = meshes.solid_of_revolution(profile, 16)  # along z from 0 to 1
     yield Part(path, pose, ((shape, arrow.colour),), on_top=True)
     yield label(f"{path} label", words, arrow.colour, tip, 0.024 * size)
 
@@ -317,7 +320,7 @@ def closure_parts(
             yield Part(f"closures/{name}/state", middle, ball, on_top=True, tint=_tint(name))
             gap = worst.get(name)
             if gap is not None:
-                text, colour = f"{name}: {_said(gap)}", gap_colour(gap.length)
+                text, colour = f"{name}: {_gap_text(gap)}", gap_colour(gap.length)
                 yield label(f"closures/{name}/label", text, colour, middle, 0.024 * size)
 
 
@@ -328,15 +331,15 @@ def contact_parts(scene: Scene, size: float) -> Iterator[Part]:
         if patch is None:
             continue
         name = constraint.name
-        place = _turned if patch.turns else lambda end: at_point(end.translation)
-        pose = then(methodcaller("robot_end", name), place)
+        place = _rotated_end if patch.turns else lambda end: at_point(end.translation)
+        pose = pose_from(methodcaller("robot_end", name), place)
         shape = ((patch_mesh(patch), CONTACT),)
         yield Part(f"contacts/{name}/patch", pose, shape, opacity=0.8, on_top=True)
         if bound.meets:
             yield _gap(f"contacts/{name}/gap", name, size)
 
 
-def _turned(end: Any) -> Array:
+def _rotated_end(end: Any) -> Array:
     return np.asarray(end.homogeneous)
 
 
@@ -352,12 +355,12 @@ def _frame(path: str, name: str, which: int, length: float, radius: float) -> Pa
     T = [span(np.zeros(3), axis) for axis in np.eye(3)]
     rod = meshes.rod(radius, length, 8)
     axes = tuple((rod.moved(t), colour) for t, colour in zip(T, AXES, strict=True))
-    return Part(path, _of_ends(name, lambda *ends: _turned(ends[which])), axes, on_top=True)
+    return Part(path, _of_ends(name, lambda *ends: _rotated_end(ends[which])), axes, on_top=True)
 
 
 def _of_ends(name: str, place: Callable[[Any, Any], Array]) -> Pose:
     """Pose as a function of the frames c1 and c2 of a constraint."""
-    return then(lambda at: at.ends.get(name), lambda ends: place(*ends))
+    return pose_from(lambda at: at.ends.get(name), lambda ends: place(*ends))
 
 
 def _tint(name: str) -> Tint:
@@ -367,7 +370,7 @@ def _tint(name: str) -> Tint:
     return colour
 
 
-def _said(gap: ConstraintViolation) -> str:
+def _gap_text(gap: ConstraintViolation) -> str:
     return str(gap) if gap.size > tolerances.CLOSED else "closed"
 
 
@@ -520,7 +523,7 @@ def label(path: str, text: str, colour: Colour, pose: Pose, height: float) -> Pa
         placed[:3, 3] = T[:3, 3] + (0.0, 0.0, _ABOVE * height)
         return placed
 
-    return Part(path, then(pose, above), picture=png, on_top=True)
+    return Part(path, pose_from(pose, above), picture=png, on_top=True)
 
 
 @lru_cache(maxsize=256)
@@ -571,7 +574,7 @@ class Camera:
         return box
 
 
-def spread(parts: Sequence[Part], first: Instant, eye: Camera) -> Iterator[Part]:
+def spread_labels(parts: Sequence[Part], first: Instant, eye: Camera) -> Iterator[Part]:
     """Yield the parts, with labels moved so that none overlaps another at an instant."""
     taken: list[Array] = []
     for part in parts:
@@ -580,18 +583,18 @@ def spread(parts: Sequence[Part], first: Instant, eye: Camera) -> Iterator[Part]
             yield part
             continue
         here = (np.zeros(2), eye.box(T, np.zeros(2)))
-        shift, box = next(_free(eye, T, taken), here)
+        shift, box = next(_free_shift(eye, T, taken), here)
         taken.append(box)
         if not shift.any():
             yield part
             continue
         by = shift @ eye.axes[:2]
-        yield replace(part, pose=then(part.pose, partial(_moved, by=by)))
+        yield replace(part, pose=pose_from(part.pose, partial(_moved_label, by=by)))
         if np.linalg.norm(shift) > _NEAR * T[1, 1]:
             yield _leader(part, by, _LINE * T[1, 1])
 
 
-def _free(eye: Camera, T: Array, taken: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
+def _free_shift(eye: Camera, T: Array, taken: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
     """Shifts (2,) [m] that free a label of overlaps, the nearest first, and its box there."""
     width, height = T[0, 0], _INK * T[1, 1]
     sides = np.array([0.0, 0.35, -0.35, 0.7, -0.7]) * width
@@ -608,7 +611,7 @@ def overlap(a: Array, b: Array) -> bool:
     return bool((a[:2] < b[2:]).all() and (b[:2] < a[2:]).all())
 
 
-def _moved(T: Array, by: Array) -> Array:
+def _moved_label(T: Array, by: Array) -> Array:
     T = T.copy()
     T[:3, 3] += by
     return T
@@ -621,4 +624,4 @@ def _leader(label: Part, by: Array, radius: float) -> Part:
         return span(T[:3, 3] - (0.0, 0.0, _ABOVE * T[1, 1]), T[:3, 3] + by)
 
     rod = ((meshes.rod(radius, 1.0, 6), GHOST),)
-    return Part(f"{label.path} line", then(label.pose, line), rod, on_top=True)
+    return Part(f"{label.path} line", pose_from(label.pose, line), rod, on_top=True)

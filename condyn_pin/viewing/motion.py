@@ -66,7 +66,7 @@ def _moving(T: Array, frames: Array) -> list[dict[str, Any]]:
     return moving
 
 
-def shown(trajectory: Trajectory, fps: float) -> NDArray[np.intp]:
+def drawn_samples(trajectory: Trajectory, fps: float) -> NDArray[np.intp]:
     """Return the indices of the samples to draw, the nearest to each of `fps` times a second.
 
     Samples are not interpolated: a configuration halfway between two closed ones is open. Each is

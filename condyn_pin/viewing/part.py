@@ -149,7 +149,7 @@ def number(colour: Colour) -> int:
     return (red << 16) + (green << 8) + blue
 
 
-def packed(command: Command) -> str:
+def packed_command(command: Command) -> str:
     """Return a command as it is written into a page: msgpack in base 64."""
     import umsgpack
 
@@ -257,7 +257,7 @@ class Part:
         )
 
 
-def then(found: Callable[[Instant], _Found | None], place: Callable[[_Found], Array]) -> Pose:
+def pose_from(found: Callable[[Instant], _Found | None], place: Callable[[_Found], Array]) -> Pose:
     """Return the pose place(found(instant)); hidden where `found` gives None."""
 
     def pose(at: Instant) -> Array | None:

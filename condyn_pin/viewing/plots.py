@@ -11,8 +11,8 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from condyn_pin._core.arrays import Array, shown
-from condyn_pin._core.show import COLOURS, axes, finished, line
+from condyn_pin._core.arrays import Array, text_of
+from condyn_pin._core.show import COLOURS, axes, labelled_axes, line
 from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -143,7 +143,7 @@ def gaps(trajectory: Trajectory, names: Sequence[str] | None = None, ax: Any = N
         If one has another name, or is dry friction, which has no distance.
     """
     found = trajectory.gaps
-    lines = {name: found[name] for name in _chosen(names, found)}
+    lines = {name: found[name] for name in _chosen_names(names, found)}
     ax = _over_time(trajectory, lines, ax, y="gap [m, rad]")
     ax.axhline(0.0, color="0.6", lw=0.8)
     return ax
@@ -175,7 +175,7 @@ def normal_forces(
         If one has another name, or is dry friction, which has no normal.
     """
     forces = trajectory.forces
-    lines = {name: forces[name][:, -1] for name in _chosen(names, trajectory.gaps)}
+    lines = {name: forces[name][:, -1] for name in _chosen_names(names, trajectory.gaps)}
     return _over_time(trajectory, lines, ax, y="normal force [N, N m]")
 
 
@@ -203,7 +203,7 @@ def modes(trajectory: Trajectory, names: Sequence[str] | None = None, ax: Any = 
         If one has another name.
     """
     found = trajectory.modes
-    chosen, ax = _chosen(names, found), axes(ax)
+    chosen, ax = _chosen_names(names, found), axes(ax)
     for mode in _MODES:
         height = _OPEN if mode == "open" else _HEIGHT
         label = mode
@@ -217,7 +217,7 @@ def modes(trajectory: Trajectory, names: Sequence[str] | None = None, ax: Any = 
     ax.set_yticks(range(len(chosen)), chosen)
     ax.set_ylim(len(chosen) + 0.1, -0.5)
     _mark_events(trajectory, ax)
-    finished(ax, title=_title_of(trajectory), x="t [s]", y="")
+    labelled_axes(ax, title=_title_of(trajectory), x="t [s]", y="")
     ax.legend(fontsize=7, frameon=False, loc="lower center", ncols=len(_MODES))  # below all bars
     return ax
 
@@ -228,7 +228,7 @@ def _over_time(trajectory: Trajectory, lines: Mapping[str, Array], ax: Any, *, y
     for i, (label, values) in enumerate(lines.items()):
         ax.plot(trajectory.t, values, label=label, **line(i))
     _mark_events(trajectory, ax)
-    return finished(ax, title=_title_of(trajectory), x="t [s]", y=y)
+    return labelled_axes(ax, title=_title_of(trajectory), x="t [s]", y=y)
 
 
 def _mark_events(trajectory: Trajectory, ax: Any) -> None:
@@ -253,7 +253,7 @@ def _spans(t: NDArray[Any], holds: NDArray[Any]) -> list[tuple[float, float]]:
     return [(t[a], t[b - 1] - t[a]) for a, b in zip(starts, edges[1::2], strict=True)]
 
 
-def _chosen(names: Sequence[str] | None, known: Collection[str]) -> list[str]:
+def _chosen_names(names: Sequence[str] | None, known: Collection[str]) -> list[str]:
     if not known:
         raise InvalidArgument("trajectory: its scene has no contacts that may open")
     for name in names or ():
@@ -301,7 +301,7 @@ def from_above(
     InvalidArgument
         If nothing of it could press on a floor, or what was found is of another motion.
     """
-    found = _found(trajectory, found)
+    found = _balance_of(trajectory, found)
     ax = axes(ax)
     for i, corners in enumerate(_supports(found)):
         ax.fill(*corners.T, facecolor="0.5", edgecolor="0.3", alpha=0.15, lw=0.8,
@@ -318,7 +318,7 @@ def from_above(
         if len(known):
             start = points[known[0]]
             ax.plot(start[0], start[1], "o", ms=4, color=drawn.get_color(), label="_start")
-    finished(ax, title=_title_of(trajectory), x="x [m]", y="y [m]")
+    labelled_axes(ax, title=_title_of(trajectory), x="x [m]", y="y [m]")
     ax.set_aspect("equal", adjustable="datalim")
     return ax
 
@@ -347,7 +347,7 @@ def margins(trajectory: Trajectory, ax: Any = None, *, found: MotionBalance | No
     InvalidArgument
         If nothing of it could press on a floor, or what was found is of another motion.
     """
-    found = _found(trajectory, found)
+    found = _balance_of(trajectory, found)
     ax = axes(ax)
     lines = {
         "ZMP": found.zmp_margin,
@@ -358,16 +358,16 @@ def margins(trajectory: Trajectory, ax: Any = None, *, found: MotionBalance | No
         ax.plot(found.t, values, label=label, **line(i))
     ax.axhline(0.0, color="0.6", lw=0.8)
     _mark_events(trajectory, ax)
-    return finished(ax, title=_title_of(trajectory), x="t [s]", y="within the support by [m]")
+    return labelled_axes(ax, title=_title_of(trajectory), x="t [s]", y="within the support by [m]")
 
 
-def _found(trajectory: Trajectory, found: MotionBalance | None) -> MotionBalance:
+def _balance_of(trajectory: Trajectory, found: MotionBalance | None) -> MotionBalance:
     """Balance of a motion, computed unless it is given."""
     if found is None:
         return motion_balance(trajectory)
     if not (isinstance(found, MotionBalance) and np.array_equal(found.t, trajectory.t)):
         raise InvalidArgument(
-            f"found = {shown(found)}: it is not of this motion; motion_balance(trajectory) is"
+            f"found = {text_of(found)}: it is not of this motion; motion_balance(trajectory) is"
         )
     return found
 
@@ -426,7 +426,7 @@ def singular_values(
     ax.set_yscale("log")
     title = f"{scene.robot.name}: {scene.rows} rows"
     along_text = "configuration" if along is None else ""
-    return finished(ax, title=title, x=along_text, y="singular values [1/sqrt(kg)]")
+    return labelled_axes(ax, title=title, x=along_text, y="singular values [1/sqrt(kg)]")
 
 
 def sparsity(derivatives: Derivatives, ax: Any = None) -> Any:

@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import check_flag, is_whole
-from condyn_pin._core.arrays import finite, shown
+from condyn_pin._core.arrays import finite, text_of
 from condyn_pin._core.files import atomic_write, check_format, check_writable, write_text
 from condyn_pin.errors import BrowserFailed, InvalidArgument, MissingExtra
 from condyn_pin.viewing.drawing import Drawing, Subject, ViewOptions, drawing_of, require_meshcat
@@ -163,7 +163,7 @@ def check_port(port: object) -> None:
     """Refuse numbers that are no port of a server."""
     if not is_whole(port) or port not in range(_PORTS):
         raise InvalidArgument(
-            f"port = {shown(port)}: a whole number from 1 to {_PORTS - 1} is needed, or 0 for a "
+            f"port = {text_of(port)}: a whole number from 1 to {_PORTS - 1} is needed, or 0 for a "
             "free one"
         )
 

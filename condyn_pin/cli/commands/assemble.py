@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from condyn_pin.cli import arguments as arg
-from condyn_pin.cli.output import leave, plain, print_json, say, with_options
+from condyn_pin.cli.output import exit_with_status, json_value, print_json, print_text, with_options
 
 PANEL = "Solve"
 
@@ -43,11 +43,11 @@ def assemble(
             "status": assembly.status.name.lower(),
             "advice": with_options(assembly.status.value),
         }
-        print_json(plain(assembly) | status | {"joints": joints})
+        print_json(json_value(assembly) | status | {"joints": joints})
     else:
-        say(str(assembly))
+        print_text(str(assembly))
         if not scene.constraints:
-            say(f"note: {_NOTHING if loops else '--no-loops leaves nothing to close'}")
+            print_text(f"note: {_NOTHING if loops else '--no-loops leaves nothing to close'}")
         for name, values in joints.items():
-            say(f"{name:<28} {' '.join(f'{value:.9g}' for value in values)}")
-    leave(ok=assembly.status.ok)
+            print_text(f"{name:<28} {' '.join(f'{value:.9g}' for value in values)}")
+    exit_with_status(ok=assembly.status.ok)

@@ -10,8 +10,8 @@ from condyn_pin.cli import arguments as arg
 from condyn_pin.cli.output import (
     check_picture,
     check_written,
+    exit_with_status,
     for_people,
-    leave,
     until_stopped,
     write_table,
 )
@@ -61,4 +61,4 @@ def bench(
         from condyn_pin.study.plots import save_bench
 
         save_bench(table, plot)
-    leave(stopped=stopped)
+    exit_with_status(stopped=stopped)

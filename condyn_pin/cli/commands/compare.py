@@ -9,7 +9,7 @@ import typer
 
 from condyn_pin._core.tolerances import ENGINES
 from condyn_pin.cli import arguments as arg
-from condyn_pin.cli.output import leave, print_json, say
+from condyn_pin.cli.output import exit_with_status, print_json, print_text
 
 if TYPE_CHECKING:
     from condyn_pin._core.arrays import Array
@@ -58,8 +58,8 @@ def compare(
     if as_json:
         print_json(found.to_dict())
     else:
-        say(str(found))
-    leave(ok=found.ok)
+        print_text(str(found))
+    exit_with_status(ok=found.ok)
 
 
 def _random_state(robot: Robot, seed: int) -> tuple[Array, Array, Array]:

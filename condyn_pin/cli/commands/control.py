@@ -13,10 +13,10 @@ from condyn_pin.cli.output import (
     check_ending,
     check_written,
     console,
-    leave,
+    exit_with_status,
     print_json,
-    say,
-    words,
+    print_text,
+    text_table,
 )
 from condyn_pin.errors import InvalidArgument
 
@@ -79,24 +79,26 @@ def control(
     check_written(html, png)
     listed = contacts or ready_contacts(robot_of(source))
     scene = scene_of(source, listed, loops)
-    rise = _rise(up, lift or [])
-    before, after = stand_and_lift(scene, posture, lift or [], rise, _demanded(com), friction, qp)
+    rise = _lift_acceleration(up, lift or [])
+    before, after = stand_and_lift(
+        scene, posture, lift or [], rise, _demanded_acceleration(com), friction, qp
+    )
     shown = after or before
     if as_json:
         print_json(_facts(before, after))
     else:
-        _say(before, after)
+        _print_answers(before, after)
     if shown.status.ok and (html or png):
         from condyn_pin.viewing.viewer import view
 
         view(shown, balance=True, html=html, png=png, browser=False)
         for path in (html, png):
             if path and not as_json:
-                say(f"written: {path}")
-    leave(ok=shown.status.ok)
+                print_text(f"written: {path}")
+    exit_with_status(ok=shown.status.ok)
 
 
-def _rise(up: float | None, lift: list[str]) -> float:
+def _lift_acceleration(up: float | None, lift: list[str]) -> float:
     """Return the acceleration of the lifted feet [m/s^2]."""
     from condyn_pin._core.arrays import finite
 
@@ -108,7 +110,7 @@ def _rise(up: float | None, lift: list[str]) -> float:
     return rise
 
 
-def _demanded(text: str | None) -> tuple[float, ...] | None:
+def _demanded_acceleration(text: str | None) -> tuple[float, ...] | None:
     """Return the acceleration that a text demands."""
     from condyn_pin.cli.words import names_in
 
@@ -123,12 +125,12 @@ def _demanded(text: str | None) -> tuple[float, ...] | None:
     return found
 
 
-def _say(before: ControlAnswer, after: ControlAnswer | None) -> None:
+def _print_answers(before: ControlAnswer, after: ControlAnswer | None) -> None:
     """Print forces, task errors, motor torques and the residuals of the answer."""
     shown = after or before
-    say(f"{shown.scene.robot.name}: {shown.status}")
+    print_text(f"{shown.scene.robot.name}: {shown.status}")
     if shown.infeasible:
-        say(str(shown.infeasible))
+        print_text(str(shown.infeasible))
         return
     if not shown.status.ok:
         return
@@ -137,13 +139,13 @@ def _say(before: ControlAnswer, after: ControlAnswer | None) -> None:
     console.print(_errors(shown))
     console.print(_motors(shown))
     for name, its in _bounds(shown).items():
-        say(f"at its bound    {name}: {', '.join(its)}")
+        print_text(f"at its bound    {name}: {', '.join(its)}")
     r = shown.residuals
-    say(f"KKT residual    {r.kkt:.1e} m/s^2, by {', '.join(shown.path)}")
-    say(f"dynamics        {r.dynamics:.1e} N m, by Newton-Euler")
-    say(f"constraints     {r.constraints:.1e} m/s^2, by forward kinematics")
+    print_text(f"KKT residual    {r.kkt:.1e} m/s^2, by {', '.join(shown.path)}")
+    print_text(f"dynamics        {r.dynamics:.1e} N m, by Newton-Euler")
+    print_text(f"constraints     {r.constraints:.1e} m/s^2, by forward kinematics")
     if shown.scene.robot.springs:
-        say("note: springs push as far as this posture bends them, and no further")
+        print_text("note: springs push as far as this posture bends them, and no further")
 
 
 def _bounds(answer: ControlAnswer) -> dict[str, list[str]]:
@@ -156,7 +158,7 @@ def _bounds(answer: ControlAnswer) -> dict[str, list[str]]:
 
 
 def _forces(before: ControlAnswer, after: ControlAnswer | None) -> Table:
-    table = words("contact", "force before [N]" if after else "force [N]")
+    table = text_table("contact", "force before [N]" if after else "force [N]")
     if after:
         table.add_column("after [N]")
     table.add_column("margin [N]")
@@ -181,20 +183,20 @@ def _number(answer: ControlAnswer, force: float) -> str:
 
 
 def _errors(answer: ControlAnswer) -> Table:
-    table = words("task", "J a + drift - wanted [m/s^2, rad/s^2]")
+    table = text_table("task", "J a + drift - wanted [m/s^2, rad/s^2]")
     for name, error in answer.errors.items():
         table.add_row(name, f"{max(abs(error), default=0.0):.3g} at most")
     return table
 
 
 def _motors(answer: ControlAnswer) -> Table:
-    table = words("motor", "torque [N m, N]", "of its limit")
-    for name, torque, share in _used(answer)[:_SHOWN]:
+    table = text_table("motor", "torque [N m, N]", "of its limit")
+    for name, torque, share in _motor_loads(answer)[:_SHOWN]:
         table.add_row(name, f"{torque:.4g}", "no limit" if share is None else f"{share:.0%}")
     return table
 
 
-def _used(answer: ControlAnswer) -> list[tuple[str, float, float | None]]:
+def _motor_loads(answer: ControlAnswer) -> list[tuple[str, float, float | None]]:
     """Motors, their torques, and the shares of their torque limits, the largest share first.
 
     With them joints on which several motors act, if they have a limit.
@@ -228,7 +230,9 @@ def _facts(before: ControlAnswer, after: ControlAnswer | None) -> dict[str, obje
         "margins": {k: float(margin.least) for k, margin in shown.margins.items()},
         "errors": shown.errors,
         "active": shown.active,
-        "torques": {name: {"torque": t, "of_limit": share} for name, t, share in _used(shown)},
+        "torques": {
+            name: {"torque": t, "of_limit": share} for name, t, share in _motor_loads(shown)
+        },
         "infeasible": shown.infeasible,
         "residuals": shown.residuals,
         "path": shown.path,

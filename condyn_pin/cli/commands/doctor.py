@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from condyn_pin.cli import arguments as arg
-from condyn_pin.cli.output import console, leave, print_json, say, words
+from condyn_pin.cli.output import console, exit_with_status, print_json, print_text, text_table
 
 PANEL = "Look"
 
@@ -15,14 +15,14 @@ def doctor(as_json: arg.AsJson = False) -> None:
     found = diagnose()
     if as_json:
         print_json(found)
-        leave(ok=not found.remedy)
+        exit_with_status(ok=not found.remedy)
         return
-    table = words("", found.platform)
+    table = text_table("", found.platform)
     for name, text in (*found.versions.items(), *found.features.items()):
         table.add_row(name, text)
     console.print(table)
     for finding in found.findings:
         console.print(f"wrong: {finding}", style="bold red")
     fine = "Everything fits together."
-    say(f"This repairs it:\n  {found.remedy}" if found.remedy else fine)
-    leave(ok=not found.remedy)
+    print_text(f"This repairs it:\n  {found.remedy}" if found.remedy else fine)
+    exit_with_status(ok=not found.remedy)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from condyn_pin.cli import arguments as arg
-from condyn_pin.cli.output import check_written, say
+from condyn_pin.cli.output import check_written, print_text
 
 PANEL = "Look"
 
@@ -37,4 +37,4 @@ def export(
         without=names_in(without), contacts=feet_of(loaded, friction), shapes=shapes
     )
     write_text(mjcf, text)
-    say(f"written: {mjcf}")
+    print_text(f"written: {mjcf}")

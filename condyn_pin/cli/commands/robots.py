@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 from rich.table import Column
 
 from condyn_pin.cli import arguments as arg
-from condyn_pin.cli.output import console, print_json, words
+from condyn_pin.cli.output import console, print_json, text_table
 
 if TYPE_CHECKING:
     from condyn_pin.model.robot import Robot
@@ -24,7 +24,7 @@ def robots(as_json: arg.AsJson = False) -> None:
         print_json({name: _facts(robot) for name, robot in loaded.items()})
         return
     columns = "robot", "nq", "nv", "mass\n[kg]", "loops", "postures", "licence"
-    table = words(*(Column(name, no_wrap=name in ("robot", "licence")) for name in columns))
+    table = text_table(*(Column(name, no_wrap=name in ("robot", "licence")) for name in columns))
     for column in table.columns[1:5]:
         column.justify = "right"
     for robot in loaded.values():

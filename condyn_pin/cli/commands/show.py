@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from condyn_pin.cli import arguments as arg
-from condyn_pin.cli.output import console, plain, print_json, words
+from condyn_pin.cli.output import console, json_value, print_json, text_table
 
 PANEL = "Look"
 
@@ -36,7 +36,7 @@ def show(
     ready = [contact.name for contact in scene.robot.contacts]
     if as_json:
         names = {"postures": list(scene.robot.postures), "frames": list(scene.robot.frames)}
-        print_json(plain(summary) | names | {"ready_contacts": ready})
+        print_json(json_value(summary) | names | {"ready_contacts": ready})
         return
     rows = list(summary.facts().items())
     rows += [("constraint", f"{name}: {kind}, {n} rows") for name, kind, n in summary.constraints]
@@ -49,7 +49,7 @@ def show(
     rows.append(("ready contacts", ", ".join(ready) or "none"))
     if frames:
         rows.append(("frames", ", ".join(scene.robot.frames)))
-    table = words("", summary.robot)
+    table = text_table("", summary.robot)
     for label, text in rows:
         table.add_row(label, text)
     console.print(table)

@@ -9,7 +9,13 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from condyn_pin.cli import arguments as arg
-from condyn_pin.cli.output import check_ending, check_written, leave, print_json, say
+from condyn_pin.cli.output import (
+    check_ending,
+    check_written,
+    exit_with_status,
+    print_json,
+    print_text,
+)
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory
@@ -65,8 +71,8 @@ def simulate(
     if as_json:
         print_json(_summary(found))
     else:
-        say(str(found))
-    leave(ok=found.status.ok, stopped=found.status.name == "INTERRUPTED")
+        print_text(str(found))
+    exit_with_status(ok=found.status.ok, stopped=found.status.name == "INTERRUPTED")
 
 
 def _summary(found: Trajectory) -> dict[str, object]:

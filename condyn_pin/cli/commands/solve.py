@@ -8,7 +8,7 @@ import typer
 
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.cli import arguments as arg
-from condyn_pin.cli.output import leave, print_json, say, warn
+from condyn_pin.cli.output import exit_with_status, print_json, print_text, warn
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.solution import Solution
@@ -58,27 +58,27 @@ def solve(
     if as_json:
         print_json({"robot": scene.robot.name, "solver": repr(chosen)} | _facts(solution))
     else:
-        say(f"{scene.robot.name}, {chosen!r}")
-        say(str(solution))
+        print_text(f"{scene.robot.name}, {chosen!r}")
+        print_text(str(solution))
         _say_accelerations(solution)
         if not scene.constraints:
             ready = ", ".join(contact.name for contact in scene.robot.contacts) or "FRAME:KIND"
-            say(f"note: no constraints; --contacts takes {ready}")
+            print_text(f"note: no constraints; --contacts takes {ready}")
         for note in scene.rank(at).notes:
-            say(f"note: {note}")
+            print_text(f"note: {note}")
     if not solution.status.ok:
         warn(str(solution.status))
-        leave(ok=False)
+        exit_with_status(ok=False)
 
 
 def _say_accelerations(solution: Solution) -> None:
     from condyn_pin._core.joints import indices
 
     robot = solution.scene.robot
-    say("accelerations of the joints, free-flyers linear first [rad/s^2, m/s^2]:")
+    print_text("accelerations of the joints, free-flyers linear first [rad/s^2, m/s^2]:")
     for name in robot.joints:
         values = solution.a[indices(robot.model, [name])[1]]
-        say(f"{name:<28} {' '.join(f'{value:.6g}' for value in values)}")
+        print_text(f"{name:<28} {' '.join(f'{value:.6g}' for value in values)}")
 
 
 def _facts(solution: Solution) -> dict[str, object]:

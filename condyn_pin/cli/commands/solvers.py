@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from rich.table import Table
 
 from condyn_pin.cli import arguments as arg
-from condyn_pin.cli.output import console, print_json, words
+from condyn_pin.cli.output import console, print_json, text_table
 
 PANEL = "Look"
 
@@ -27,7 +27,7 @@ def solvers(as_json: arg.AsJson = False) -> None:
         lines.add_row("parameters", row.parameters.replace("\n", ", "))
         return lines
 
-    table = words("solver", "redundant: rows that depend on others, and singular states")
+    table = text_table("solver", "redundant: rows that depend on others, and singular states")
     table.show_lines = True
     for row in solver_rows():
         table.add_row(row.name, facts(row))
@@ -50,7 +50,7 @@ def solver_rows() -> tuple[SolverRow, ...]:
     """Return a row for every solver."""
     from condyn_pin.dynamics.solvers import SOLVERS
     from condyn_pin.dynamics.solvers.solver import parameter_fields
-    from condyn_pin.dynamics.workspace import kinds_of
+    from condyn_pin.dynamics.workspace import constraint_kinds_of
 
     rows = []
     for kind in SOLVERS.values():
@@ -60,7 +60,7 @@ def solver_rows() -> tuple[SolverRow, ...]:
         rows.append(
             SolverRow(
                 kind.__name__,
-                kinds_of(kind),
+                constraint_kinds_of(kind),
                 "yes" if kind.takes_redundant else singular,
                 kind.cost,
                 kind.use,

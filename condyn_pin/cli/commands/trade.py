@@ -12,8 +12,8 @@ from condyn_pin.cli.output import (
     Report,
     check_picture,
     check_written,
+    exit_with_status,
     for_people,
-    leave,
     progress_bar,
     until_stopped,
     warn,
@@ -133,11 +133,11 @@ def trade(
         list(robots or ROBOTS), chosen, states=states, measure=measures, effort=effort, noise=noise
     )
     table, stopped = until_stopped(lambda progress: _run(study, jobs, results, progress))
-    _show(table, csv, as_json, markdown, plot)
+    _print_table(table, csv, as_json, markdown, plot)
     if stopped:
         warn(f"stopped: {len(table.rows)} rows were measured")
     reached = stopped or error is None or _choose(table, error, for_people(as_json))
-    leave(ok=reached, stopped=stopped)
+    exit_with_status(ok=reached, stopped=stopped)
 
 
 def _refuse(context: typer.Context, options: tuple[str, ...], where: str) -> None:
@@ -159,7 +159,7 @@ def _tune(
     """Choose the fastest solver of one scene, and keep the choice."""
     from condyn_pin._core.tolerances import SOLVED
     from condyn_pin.study.fresh import check_folder, path_of
-    from condyn_pin.study.study import choose, keep, plan_for
+    from condyn_pin.study.study import choose, plan_for, write_plan_of
 
     if save:
         check_folder()
@@ -173,7 +173,7 @@ def _tune(
             write_json(nothing, as_json)
         warn(f"condyn: {reason}")
         raise typer.Exit(1) from reason
-    plan = keep(scene, choice) if save else plan_for(scene, choice)
+    plan = write_plan_of(scene, choice) if save else plan_for(scene, choice)
     if as_json:
         write_json(plan, as_json)
     console = for_people(as_json)
@@ -184,7 +184,7 @@ def _tune(
         console.print(f"solve(scene, q, v, tau, solver=tuned(scene, {error:g}))", soft_wrap=True)
 
 
-def _show(
+def _print_table(
     table: Table, csv: Path | None, as_json: Path | None, markdown: Path | None, plot: Path | None
 ) -> None:
     """Print a table, and write it to the files that are given."""

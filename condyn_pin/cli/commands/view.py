@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from condyn_pin.cli import arguments as arg
-from condyn_pin.cli.output import check_ending, check_written, say
+from condyn_pin.cli.output import check_ending, check_written, print_text
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -75,23 +75,23 @@ def view(
         chosen, posture=None if forces else posture, t=at, speed=speed, light=light, cones=cones,
         balance=balance, html=html, png=png, browser=browser, port=port,
     ) as viewer:  # fmt: skip
-        _show(viewer, html, png)
+        _serve(viewer, html, png)
 
 
-def _show(viewer: Viewer, *files: Path | None) -> None:
+def _serve(viewer: Viewer, *files: Path | None) -> None:
     """Print notes, written files and the address, and wait for Ctrl-C while the page is served."""
     for note in viewer.notes:
-        say(f"note: {note}")
+        print_text(f"note: {note}")
     for path in files:
         if path:
-            say(f"written: {path}")
+            print_text(f"written: {path}")
     if not viewer.url:
         return
     try:
-        say(f"{viewer.drawing.title}: {viewer.url} (Ctrl-C ends it)")
+        print_text(f"{viewer.drawing.title}: {viewer.url} (Ctrl-C ends it)")
         viewer.wait()
     except KeyboardInterrupt:
-        say("closed")
+        print_text("closed")
 
 
 def _motion(path: str, motion: int | None) -> Subject:

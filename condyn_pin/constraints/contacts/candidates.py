@@ -87,7 +87,7 @@ class Candidates:
         others = (*(stop.name for stop in stops), *(each.name for each in dry))
         self.names = (*of_cones, *others)
         self.row_names = (*(f"{name}.{axis}" for name in of_cones for axis in _AXES), *others)
-        self.several = tuple(_several(pairs, len(touches)))
+        self.several = tuple(_cones_of_patches(pairs, len(touches)))
         self.friction = read_only(np.array([each.friction for each in cones]))
         self.restitution = read_only(np.array([each.restitution for each in cones]))
         self.limits = read_only(np.array([each.limit for each in dry]))
@@ -196,7 +196,7 @@ class Candidates:
         return np.concatenate((axes, self._pairs.axes(data))) if self._pairs.size else axes
 
 
-def _several(pairs: Sequence[Pair], first: int) -> Iterator[slice]:
+def _cones_of_patches(pairs: Sequence[Pair], first: int) -> Iterator[slice]:
     """Yield the cones of pairs that meet in several points; `first` is the first of all pairs."""
     for pair in pairs:
         if pair.points > 1:

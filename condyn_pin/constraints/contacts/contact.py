@@ -20,7 +20,7 @@ from typing import Any, Literal
 from condyn_pin._core.arguments import register
 from condyn_pin.constraints.constraint import Constraint, Machine, MjcfGeomWriter
 from condyn_pin.constraints.contacts.touches import BoundContact
-from condyn_pin.constraints.places import short
+from condyn_pin.constraints.places import short_frames
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnsupportedConstraint, unknown_name
 
 Mode = Literal["open", "slide", "stick"]
@@ -48,7 +48,7 @@ class Contact(ABC):
     def _set_name(self, default: str) -> None:
         if not isinstance(self.name, str):
             raise InvalidArgument(f"name = {self.name!r}: a text is needed")
-        object.__setattr__(self, "name", self.name or short(default))
+        object.__setattr__(self, "name", self.name or short_frames(default))
 
     def owns(self, candidate: str) -> bool:
         """True if a `candidate` of this name belongs to the contact."""

@@ -13,7 +13,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import finite, shown
+from condyn_pin._core.arrays import finite, text_of
 from condyn_pin.constraints.constraint import (
     Constraint,
     Machine,
@@ -21,7 +21,7 @@ from condyn_pin.constraints.constraint import (
     Vector3,
     floats,
     not_negative,
-    shifted,
+    shifted_placement,
 )
 from condyn_pin.constraints.contacts.contact import Contact, Mode
 from condyn_pin.constraints.contacts.shapes import ContactPoint, Plane, Point, Shape
@@ -87,7 +87,7 @@ class FrictionalContact(Contact):
         set_frames(self, "frame")
         if not isinstance(self.shape, Shape):
             raise InvalidArgument(
-                f"shape = {shown(self.shape)}: a Point(), Ball(radius), "
+                f"shape = {text_of(self.shape)}: a Point(), Ball(radius), "
                 "Capsule(radius, half_length), Box(x, y, z) or Convex(vertices) is needed"
             )
         object.__setattr__(self, "offset", floats("offset", self.offset, 3))
@@ -106,7 +106,7 @@ class FrictionalContact(Contact):
         restitution = float(finite("restitution", self.restitution, ()))
         if not 0 <= restitution <= 1:
             raise InvalidArgument(
-                f"restitution = {shown(self.restitution)}: a number from 0 to 1 is needed"
+                f"restitution = {text_of(self.restitution)}: a number from 0 to 1 is needed"
             )
         object.__setattr__(self, "restitution", restitution)
         self._set_name(self.frame)
@@ -117,7 +117,7 @@ class FrictionalContact(Contact):
                 cure = "it is the shape of a second body: name a frame of that one, on='frame'"
                 if isinstance(self.on_shape, Plane):
                     cure = f"a plane of the world is on={self.on_shape!r}; {cure}"
-                raise InvalidArgument(f"on_shape = {shown(self.on_shape)}: {cure}")
+                raise InvalidArgument(f"on_shape = {text_of(self.on_shape)}: {cure}")
             return
         try:
             set_frames(self, "on")
@@ -125,8 +125,8 @@ class FrictionalContact(Contact):
             raise InvalidArgument(f"{error}, of another body, or a Plane") from error
         if not isinstance(self.on_shape, Plane | Shape):
             raise InvalidArgument(
-                f"on_shape = {shown(self.on_shape)}: the shape on {self.on!r} is needed: a Plane, "
-                "Ball, Capsule, Box or Convex"
+                f"on_shape = {text_of(self.on_shape)}: the shape on {self.on!r} is needed: a "
+                "Plane, Ball, Capsule, Box or Convex"
             )
         if self.shape == self.on_shape == Point():
             raise InvalidArgument("on_shape = Point(): points never meet; make one a Ball")
@@ -142,7 +142,7 @@ class FrictionalContact(Contact):
                 f"{self.name}: frame {self.frame!r} and what it touches both belong to {where}; "
                 "name frames on two bodies that move against each other"
             )
-        at, law = shifted(placement, self.offset), (self.friction, self.restitution)
+        at, law = shifted_placement(placement, self.offset), (self.friction, self.restitution)
         below = self.on if isinstance(self.on, Plane) else self.on_shape
         if isinstance(below, Shape):
             pair = Pair(self.name, joint, at, self.shape.core, ground, origin, below.core, *law)

@@ -27,11 +27,11 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.shapes import (
     Core,
     Indices,
-    across,
     lengths_of,
     nearest,
     on_face,
     segments,
+    unit_cross,
 )
 
 _SOLID: Final = 8  # two quadrangles cut each other in an octagon
@@ -84,23 +84,23 @@ def meetings(A: Core, B: Core) -> ContactPoints:
     if A.is_solid and not B.is_solid:
         return meetings(B, A).turned()
     if A.is_point:
-        return _round(A, B)
+        return _points_of_round_core(A, B)
     if B.is_point:
-        return _round(B, A).turned()
+        return _points_of_round_core(B, A).turned()
     if A.is_solid or (B.is_solid and _separation(A, B)[1] < 0.0):
         return _solids(A, B)
-    between = _between(A, B)
-    found = _joined(_round(A, B), between.least(2) if B.is_solid else between)
+    between = _points_of_crossings(A, B)
+    found = _joined(_points_of_round_core(A, B), between.least(2) if B.is_solid else between)
     return found.taken(_distinct(found, max(A.size, B.size))[: most_meetings(A, B)])
 
 
-def _round(A: Core, B: Core) -> ContactPoints:
+def _points_of_round_core(A: Core, B: Core) -> ContactPoints:
     """Contact points of the balls round the corners of A with B."""
     distances, normals = nearest(B, A.vertices)
     return ContactPoints(distances - A.radius - B.radius, A.vertices - A.radius * normals, normals)
 
 
-def _between(A: Core, B: Core) -> ContactPoints:
+def _points_of_crossings(A: Core, B: Core) -> ContactPoints:
     """Contact points of corners of B, and of crossing edges of both, with A.
 
     For cores that are apart.
@@ -108,7 +108,7 @@ def _between(A: Core, B: Core) -> ContactPoints:
     p, q, _, _ = _crossings(A, A.edges, B, B.edges, tolerances.FLAT)
     distances, normals = lengths_of(p - q)
     crossing = ContactPoints(distances - A.radius - B.radius, p - A.radius * normals, normals)
-    return _joined(_round(B, A).turned(), crossing)
+    return _joined(_points_of_round_core(B, A).turned(), crossing)
 
 
 def _solids(A: Core, B: Core) -> ContactPoints:
@@ -119,10 +119,10 @@ def _solids(A: Core, B: Core) -> ContactPoints:
     parts = []
     if A.is_solid:
         bottom = int(A.normals.dot(axis).argmin())
-        corners, edges = corners[A.loops[bottom]], _around(A, bottom)
+        corners, edges = corners[A.loops[bottom]], _face_edges(A, bottom)
         parts.append(_corners_on(B.vertices[B.loops[top]], A, bottom).turned())
     parts.insert(0, _corners_on(corners, B, top))
-    parts.append(_edges_on_edges(A, edges, B, _around(B, top), axis))
+    parts.append(_edges_on_edges(A, edges, B, _face_edges(B, top), axis))
     if by_edges:
         parts.append(_edges_on_edges(A, _lowest(A, axis), B, _lowest(B, -axis), axis))
     found, size = _joined(*parts), max(A.size, B.size)
@@ -130,7 +130,11 @@ def _solids(A: Core, B: Core) -> ContactPoints:
     # what is deeper than the solids has a shorter way out, along what separates them
     found = found.taken(np.flatnonzero(found.gaps >= gap - margin))
     if (found.gaps > gap + margin).all():  # nothing is over what separates them
-        first = _joined(_round(A, B), _between(A, B)) if gap > 0.0 else _first(A, axis, gap)
+        first = (
+            _joined(_points_of_round_core(A, B), _points_of_crossings(A, B))
+            if gap > 0.0
+            else _lowest_corner(A, axis, gap)
+        )
         found = _joined(found, first.least(1))
     found = found._replace(
         gaps=found.gaps - A.radius, points=found.points - A.radius * found.normals
@@ -138,7 +142,7 @@ def _solids(A: Core, B: Core) -> ContactPoints:
     return _nearest(found, size)
 
 
-def _first(A: Core, axis: Array, gap: float) -> ContactPoints:
+def _lowest_corner(A: Core, axis: Array, gap: float) -> ContactPoints:
     """Contact point at the lowest corner of A along an axis, with a given gap."""
     first = int(A.vertices.dot(axis).argmin())
     return ContactPoints(np.array([gap]), A.vertices[first][None], axis[None])
@@ -177,7 +181,7 @@ def _separation(A: Core, B: Core) -> tuple[Array, float, bool]:
 
 def _edge_axes(A: Core, B: Core) -> Array:
     """Return the unit vectors across edges of A and of B (k, 3), without those of parallel ones."""
-    normals, sines = across(*_every_pair(A.directions, B.directions))
+    normals, sines = unit_cross(*_every_pair(A.directions, B.directions))
     return np.asarray(normals[sines > tolerances.FLAT])
 
 
@@ -197,7 +201,7 @@ def _corners_on(corners: Array, B: Core, face: int) -> ContactPoints:
 def _edges_on_edges(A: Core, of_A: Indices, B: Core, of_B: Indices, axis: Array) -> ContactPoints:
     """Contact points of edges of A crossing edges of B, one above the other along an axis."""
     p, q, one, two = _crossings(A, of_A, B, of_B)
-    normals, _ = across(one, two)
+    normals, _ = unit_cross(one, two)
     cosines = normals.dot(axis)
     normals = np.sign(cosines)[:, None] * normals
     above = np.abs(cosines) > tolerances.CROSSING
@@ -226,7 +230,7 @@ def _crossings(
     return a + s * d, b + t * e, d, e
 
 
-def _around(core: Core, face: int) -> Indices:
+def _face_edges(core: Core, face: int) -> Indices:
     """Return the edges around a face (k, 2)."""
     loop = core.loops[face]
     return np.array([loop, (*loop[1:], loop[0])]).T

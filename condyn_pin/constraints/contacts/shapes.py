@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import register
-from condyn_pin._core.arrays import Array, shown
+from condyn_pin._core.arrays import Array, text_of
 from condyn_pin.constraints.constraint import (
     Patch,
     Vector3,
@@ -164,7 +164,7 @@ def _directions(along: Array, size: float) -> Array:
     lengths, units = lengths_of(along)
     kept: list[int] = []
     for i, (unit, length) in enumerate(zip(units, lengths, strict=True)):
-        _, sines = across(np.repeat(unit[None], len(kept), axis=0), units[kept])
+        _, sines = unit_cross(np.repeat(unit[None], len(kept), axis=0), units[kept])
         if (sines * np.maximum(length, lengths[kept]) > tolerances.FLAT * size).all():
             kept.append(i)
     return np.asarray(units[kept])
@@ -217,7 +217,7 @@ def segments(core: Core, chosen: Indices | None = None) -> tuple[Array, Array]:
     return start, core.vertices[edges[:, 1]] - start
 
 
-def across(one: Array, two: Array) -> tuple[Array, Array]:
+def unit_cross(one: Array, two: Array) -> tuple[Array, Array]:
     """Return the unit vectors across two rows of vectors (k, 3), and the lengths of the products.
 
     As `numpy.cross`, which takes ten times as long for a few.
@@ -415,7 +415,9 @@ class Convex(Shape):
 
     def __post_init__(self) -> None:
         if isinstance(self.vertices, str) or not isinstance(self.vertices, Iterable):
-            raise InvalidArgument(f"vertices = {shown(self.vertices)}: a list of points is needed")
+            raise InvalidArgument(
+                f"vertices = {text_of(self.vertices)}: a list of points is needed"
+            )
         vertices = tuple(
             floats(f"vertices[{i}]", point, 3) for i, point in enumerate(self.vertices)
         )
@@ -448,7 +450,7 @@ class Convex(Shape):
         if on.all(axis=0).any():
             raise _flat()
         loops = tuple(
-            _around(points, np.flatnonzero(on[:, face]), normal)
+            _ordered_corners(points, np.flatnonzero(on[:, face]), normal)
             for face, normal in enumerate(normals)
         )
         edges = {
@@ -474,7 +476,7 @@ def _planes(points: Array, hull: Any, off: float) -> tuple[Array, Array]:
     A triangle belongs to the plane of a larger one if its corners are `off` it by no more [m].
     """
     corners = points[hull.simplices]
-    _, twice = across(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    _, twice = unit_cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     above = np.abs(corners.dot(hull.equations[:, :3].T) + hull.equations[:, 3]).max(axis=1)
     kept: list[int] = []
     for i in np.argsort(-twice, kind="stable").tolist():  # a sliver has no normal of its own
@@ -488,7 +490,7 @@ def _flat() -> InvalidArgument:
     return InvalidArgument("vertices: they lie in a plane, or nearly; a solid is needed")
 
 
-def _around(points: Array, corners: Indices, normal: Array) -> Indices:
+def _ordered_corners(points: Array, corners: Indices, normal: Array) -> Indices:
     """Return the corners of a face in their order around it."""
     away = points[corners] - points[corners].mean(axis=0)
     x = away[0] / np.sqrt(away[0].dot(away[0]))

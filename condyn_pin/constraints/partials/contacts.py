@@ -26,7 +26,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import turning
+from condyn_pin._core.joints import joints_with_turning_axes
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.contacts.candidates import Candidates, Pairs
 from condyn_pin.constraints.contacts.shapes import Core, lengths_of, on_face, segments
@@ -51,7 +51,7 @@ class ContactTurning:
         self._candidates = Candidates(model, bounds)
         touches = [touch for bound in bounds for touch in bound.touches]
         pairs = [pair for bound in bounds for pair in bound.pairs]
-        closed = not turning(model)
+        closed = not joints_with_turning_axes(model)
         self._over_planes = _OverPlanes(model, touches) if touches and closed else None
         self._meetings = MeetingTurning(model, pairs) if pairs and closed else None
         self._moves = bool(touches or pairs)
@@ -135,7 +135,7 @@ class _OverPlanes:
     Attributes
     ----------
     _u, _w : (5, k, nv) array
-        m u and m w of each column along t1, t2, n, and t1, t2 once more (`_crossed`).
+        m u and m w of each column along t1, t2, n, and t1, t2 once more (`_cross_products`).
     """
 
     def __init__(self, model: Any, touches: Sequence[PlaneContact]) -> None:
@@ -165,7 +165,7 @@ class _OverPlanes:
         turning = axes.dot(data.J.reshape(6, -1)[3:]).reshape(5, self._k, self._n)
         self._w, self._u = turning * self._moves, J.take(self._rows, axis=0)
         if self._is_round:
-            self._rolled = _crossed(self._w, self._radial).take(_CYCLE, axis=0)
+            self._rolled = _cross_products(self._w, self._radial).take(_CYCLE, axis=0)
 
     def slips(self, W: Array) -> Array:
         """Partials of J x by q for all x in the rows of W (count, 3 k, nv).
@@ -179,10 +179,10 @@ class _OverPlanes:
         if self._grounds_move:
             slip = np.where(self._of_ground, _sums(moved, rest), slip)
             spin = np.where(self._of_ground, _sums(turned, below), spin)
-        by_q = _crossed(w, slip)
-        by_q += _crossed(spin, u)
+        by_q = _cross_products(w, slip)
+        by_q += _cross_products(spin, u)
         if self._is_round:
-            by_q += _crossed(turned.sum(axis=-1, keepdims=True), self._rolled[:, None])
+            by_q += _cross_products(turned.sum(axis=-1, keepdims=True), self._rolled[:, None])
         return by_q.transpose(1, 2, 0, 3).reshape(len(W), -1, self._n)
 
     def pulls(self, lam: Array) -> Array:
@@ -192,16 +192,20 @@ class _OverPlanes:
         way round where j moves the ground.
         """
         lam = lam.take(self._rows)[..., None]
-        arms, w, is_below = _crossed(self._u, lam), self._w[:3], self._is_below
+        arms, w, is_below = _cross_products(self._u, lam), self._w[:3], self._is_below
         if not self._grounds_move:
-            below = _paired(arms, w)
+            below = _summed_products(arms, w)
             by_q = np.where(is_below, below, below.T)
         else:
             body, ground = self._of_body, self._of_ground
-            by_q = np.where(is_below, _paired(arms, w * body), _paired(w, arms * body))
-            by_q += np.where(is_below, _paired(w, arms * ground), _paired(arms, w * ground))
+            by_q = np.where(
+                is_below, _summed_products(arms, w * body), _summed_products(w, arms * body)
+            )
+            by_q += np.where(
+                is_below, _summed_products(w, arms * ground), _summed_products(arms, w * ground)
+            )
         if self._is_round:
-            by_q += _paired(w, _crossed(self._rolled, lam))
+            by_q += _summed_products(w, _cross_products(self._rolled, lam))
         return by_q
 
 
@@ -210,14 +214,14 @@ def _sums(each: Array, which: Array) -> Array:
     return np.asarray(each.reshape(-1, len(which)).dot(which)).reshape(each.shape)
 
 
-def _crossed(a: Array, b: Array) -> Array:
+def _cross_products(a: Array, b: Array) -> Array:
     """Cross products a x b (3, ...), of vectors as (5, ...): x, y, z, and x, y once more."""
     by = a[1:4] * b[2:5]
     by -= a[2:5] * b[1:4]
     return by
 
 
-def _paired(a: Array, b: Array) -> Array:
+def _summed_products(a: Array, b: Array) -> Array:
     """Scalar products a_i . b_j, summed over all contacts (n, n), of a and b (3, k, n)."""
     n = a.shape[-1]
     return np.asarray(a.reshape(-1, n).T.dot(b.reshape(-1, n)))

@@ -296,7 +296,7 @@ class PointPartials:
         self._signs = np.array([b.sign for b in points]).reshape(k, 1, 1)
         self._anchored = np.array([float(b.anchored) for b in points]).reshape(k, 1, 1)
         # which columns move the bodies of c1, and those of c2 where they move
-        moves = _moved(model, points) * self._signs[:, :, :, None]
+        moves = _moving_columns(model, points) * self._signs[:, :, :, None]
         self._moved = np.concatenate((moves[0], moves[1, :between]))
         self._make_room(data, model.nv)
         self._chosen = np.ascontiguousarray(np.broadcast_to(self._moved, self._parts.shape))
@@ -380,7 +380,7 @@ class PointPartials:
         return np.asarray(self._anchored * (J[self._rows].reshape(self.k, 3, -1) - turned))
 
 
-def _moved(model: Any, points: Sequence[Bound]) -> Array:
+def _moving_columns(model: Any, points: Sequence[Bound]) -> Array:
     """Flags (2, k, 1, 1, nv) as numbers: one for a column that moves the body of c1, or of c2."""
     moved = np.zeros((2, len(points), 1, 1, model.nv))
     for i, b in enumerate(points):

@@ -684,7 +684,7 @@ def closed(gap: Mapping[str, ConstraintViolation]) -> bool:
     return all(each.size <= tolerances.CLOSED for each in gap.values())
 
 
-def worst(gap: Mapping[str, ConstraintViolation]) -> tuple[str, ConstraintViolation]:
+def largest_violation(gap: Mapping[str, ConstraintViolation]) -> tuple[str, ConstraintViolation]:
     """Name and size of the largest gap."""
     return max(gap.items(), key=lambda item: item[1].size)
 

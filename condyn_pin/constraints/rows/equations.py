@@ -23,7 +23,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array, Indices
-from condyn_pin._core.joints import axes, turning
+from condyn_pin._core.joints import axes, joints_with_turning_axes
 from condyn_pin._core.linalg import cholesky_pivots
 from condyn_pin._core.trees import algorithms, data_of, whole_data
 from condyn_pin.constraints.drift import Baumgarte, gains
@@ -724,7 +724,7 @@ class MassConditioning:
 
 def least_pivots(model: Any) -> Array:
     """Lower bounds of the pivots of M at any q (nv,): zero where axes turn with q."""
-    q, found, turn = pin.neutral(model), np.zeros(model.nv), turning(model)
+    q, found, turn = pin.neutral(model), np.zeros(model.nv), joints_with_turning_axes(model)
     for i in range(1, model.njoints):
         joint = model.joints[i]
         if joint.nv <= 0 or joint.idx_v < 0 or i in turn:

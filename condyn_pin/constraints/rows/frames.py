@@ -346,7 +346,7 @@ def relative_velocities(ends: Ends) -> tuple[Array, Array, Array, Array]:
     R, r = ends.apart()
     (v1, v2), (a1, a2) = ends.linear()
     (w1, w2), (alpha1, alpha2) = ends.angular()
-    (v2, w2), (a2, alpha2) = turned(R, v2, w2), turned(R, a2, alpha2)
+    (v2, w2), (a2, alpha2) = rotated(R, v2, w2), rotated(R, a2, alpha2)
     w1_r, alpha1_r, w1_w2 = cross(w1, r), cross(alpha1, r), cross(w1, w2)
     s, s_dot = np.empty((2, len(r), 2, 3))
     s[:, 0] = v1 + w1_r - v2
@@ -356,7 +356,7 @@ def relative_velocities(ends: Ends) -> tuple[Array, Array, Array, Array]:
     return R, r, s, s_dot
 
 
-def turned(R: Array, *parts: Array) -> Array:
+def rotated(R: Array, *parts: Array) -> Array:
     """Products R x for each of many (k, 3, 3) and some parts (k, 3)."""
     x = np.empty((len(parts), len(R), 3, 1))
     for i, part in enumerate(parts):

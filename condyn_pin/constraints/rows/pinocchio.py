@@ -95,7 +95,7 @@ def pinocchio_constraints(
         if points[0].joint1 and points[0].joint2:
             loops.append(bound.name)
     E_T = None if all(block is None for block in blocks) else _side_by_side(blocks, bounds)
-    constraints, W = spread(made, lambda: rows() if E_T is None else E_T.T @ rows())
+    constraints, W = separate(made, lambda: rows() if E_T is None else E_T.T @ rows())
     to_scene = E_T if W is None else W.T if E_T is None else E_T @ W.T
     return PinocchioConstraints(
         constraints,
@@ -245,7 +245,7 @@ class NearlyCoincident:
         return np.asarray(p[0] + self.weights @ (p - p[0]))
 
 
-def spread(
+def separate(
     pinocchio_constraints: Sequence[PinocchioConstraint], rows: Callable[[], Array]
 ) -> tuple[tuple[PinocchioConstraint, ...], Array | None]:
     """Constraints whose nearly coincident points are spread apart where they alone hold a turn.
@@ -258,7 +258,7 @@ def spread(
     if not clusters:
         return tuple(pinocchio_constraints), None
     made, J = list(pinocchio_constraints), rows()
-    W, needed = np.eye(len(J)), _needed(clusters, J)
+    W, needed = np.eye(len(J)), _clusters_that_hold_turns(clusters, J)
     for cluster in needed:
         W[np.ix_(cluster.rows, cluster.rows)] = cluster.W
         for i, point in zip(cluster.places, cluster.moved(), strict=True):
@@ -288,7 +288,9 @@ def _clusters(pinocchio_constraints: Sequence[PinocchioConstraint]) -> list[Near
     return found
 
 
-def _needed(clusters: Sequence[NearlyCoincident], J: Array) -> list[NearlyCoincident]:
+def _clusters_that_hold_turns(
+    clusters: Sequence[NearlyCoincident], J: Array
+) -> list[NearlyCoincident]:
     """Clusters that hold a turn which neither other rows nor clusters before them hold."""
     held, turns = np.delete(J, np.concatenate([c.rows for c in clusters]), axis=0), []
     for cluster in clusters:

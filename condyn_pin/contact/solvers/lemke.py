@@ -79,7 +79,7 @@ class Lemke(ContactSolver):
         return _pivoted(problem, _regular(problem, self.sides), self.max_iterations)
 
 
-def turned(problem: ContactProblem, lam: Array, width: float, sides: int) -> SolverResult:
+def refine_polygons(problem: ContactProblem, lam: Array, width: float, sides: int) -> SolverResult:
     """Return the answer of polygons with more corners where contacts slide at impulses `lam`.
 
     Along such a corner a polygon has the friction of the circle. Where friction locks bodies or is
@@ -202,19 +202,19 @@ def lemke(A: Array, b: Array, max_pivots: int) -> tuple[Array, int, bool]:
     basis is factorised by itself, since a tableau that is carried on rounds until what is tied no
     longer is.
     """
-    best, least, pivots = np.zeros(len(b)), _missed(A, b, np.zeros(len(b))), 0
+    best, least, pivots = np.zeros(len(b)), _complementarity_error(A, b, np.zeros(len(b))), 0
     for step in _PATHS:
         if least <= _ANSWERED or not np.isfinite(least):
             break
         z, taken = _path(A, b, 1 + step * np.arange(1, len(b) + 1) % 1, max_pivots)
-        missed = _missed(A, b, z)
+        missed = _complementarity_error(A, b, z)
         pivots += taken
         if missed < least:
             best, least = z, missed
     return best, pivots, least <= _ANSWERED
 
 
-def _missed(A: Array, b: Array, z: Array) -> float:
+def _complementarity_error(A: Array, b: Array, z: Array) -> float:
     """Return |min(z, A z + b)|_inf, relative to |b|: a z made large by rounding is no solution."""
     size = float(np.abs(b).max(initial=0.0))
     return float(np.abs(np.minimum(z, A @ z + b)).max(initial=0.0)) / (size or 1.0)

@@ -24,7 +24,7 @@ from condyn_pin.contact.solvers.contact_solver import (
     ContactSolver,
     SolverResult,
 )
-from condyn_pin.contact.solvers.lemke import Lemke, turned
+from condyn_pin.contact.solvers.lemke import Lemke, refine_polygons
 from condyn_pin.contact.solvers.pgs import PGS, directions, factor_of
 from condyn_pin.contact.solvers.sap import SAP
 
@@ -245,7 +245,7 @@ def _polygons(
         found = refine(problem, polygon.lam, max_iterations).after(polygon.after(found))
         yield found
         for width in _FANS if polygon.answered and len(problem.friction) else ():
-            polygon = turned(problem, polygon.lam, width, sides)
+            polygon = refine_polygons(problem, polygon.lam, width, sides)
             found = refine(problem, polygon.lam, max_iterations).after(polygon.after(found))
             yield found
 

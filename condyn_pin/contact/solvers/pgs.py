@@ -282,7 +282,7 @@ def alternate(
     -----
     Cost O(r m) an iteration, and O(r^2 m + r^3) for each rho.
     """
-    best, least, rho = start, _missed(problem, X, start), _RHO
+    best, least, rho = start, _normalised_residual(problem, X, start), _RHO
     y, z, solve = start, problem.dual(problem.velocities(start)), _inverse(X, rho)
     for k in range(1, max_iterations + 1):
         x = solve(rho * y + z - (problem.g + (problem.dual(z) - z)))
@@ -291,7 +291,7 @@ def alternate(
         z = z - rho * (beyond - y)
         if k % _LOOK and k < max_iterations:
             continue
-        missed = _missed(problem, X, y)
+        missed = _normalised_residual(problem, X, y)
         if missed < least:
             best, least = y, missed
         if not missed > tolerance:
@@ -309,7 +309,7 @@ def _inverse(X: Array, rho: float) -> Callable[[Array], Array]:
     return lambda b: (b - cho_solve(factors, X @ b) @ X) / rho
 
 
-def _missed(problem: ContactProblem, X: Array, lam: Array) -> float:
+def _normalised_residual(problem: ContactProblem, X: Array, lam: Array) -> float:
     """Return the natural residual, which in a normalised problem is up to twice this."""
     x = lam - problem.dual(problem.g + (X @ lam) @ X)
     return float(np.abs(lam - problem.sets.project(x)).max())

@@ -112,12 +112,12 @@ class ForceDistribution(ABC):
         program = QuadraticProgram(H, g, none, np.zeros(0), C, np.full(len(C), -np.inf), upper)
         answer = SolverLadder(self.qp).solve(program, lambda: (np.zeros(0), np.ones(len(C))))
         if not answer.solved or answer.answer is None:
-            raise Infeasible(_words(answer, bound.names, mass))
+            raise Infeasible(_missing_forces(answer, bound.names, mass))
         found = mass * (y + N @ answer.answer.x)
         return found[:k], found[k:]
 
 
-def _words(answer: ChainAnswer, names: tuple[str, ...], mass: float) -> str:
+def _missing_forces(answer: ChainAnswer, names: tuple[str, ...], mass: float) -> str:
     """Return the sentence on forces that do not exist."""
     if answer.elastic is None:
         return f"no solver found forces within the cones, of {', '.join(answer.path)}; try another"

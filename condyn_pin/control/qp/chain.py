@@ -34,7 +34,7 @@ from condyn_pin.control.qp.qp_solver import (
     Saddle,
     elastic,
     polish,
-    start,
+    start_from_active_set,
 )
 from condyn_pin.control.qp.quadprog import Quadprog
 
@@ -132,14 +132,14 @@ class SolverLadder:
     def _answers(self, program: QuadraticProgram) -> Iterator[tuple[str, int, Polished | None]]:
         """Yield the solver, its iterations, and the polished answer of each attempt."""
         if not len(program.g):
-            nothing = start(program, np.zeros(0), np.zeros(len(program.lower)))
+            nothing = start_from_active_set(program, np.zeros(0), np.zeros(len(program.lower)))
             residual = program.kkt_residual(nothing.x, nothing.y, nothing.z)
             yield "no unknowns", 0, nothing._replace(residual=residual)
             return
         last = self._last
         if last and (len(last.x), len(last.z)) == (len(program.g), len(program.lower)):
             # equations that depend on each other are no trouble to the polish
-            begin = start(program, last.x, last.z, last)
+            begin = start_from_active_set(program, last.x, last.z, last)
             yield "last active set", 0, polish(program, begin, _AIM, _FROM_LAST, self._saddle)
         asked = _independent(_with_equations(program))
         if asked is None or not program.has_room:
@@ -150,7 +150,7 @@ class SolverLadder:
             if np.isfinite(result.x).all() and np.isfinite(result.z).all():
                 z = np.zeros(len(program.lower))
                 z[~program.pinned] = result.z
-                begin = start(program, result.x, z)
+                begin = start_from_active_set(program, result.x, z)
                 found = polish(program, begin, _AIM, _FROM_SOLVER, self._saddle)
             yield repr(qp), result.iterations, found
 
@@ -182,7 +182,7 @@ class SolverLadder:
         given = max(found.of_equations.max(initial=0.0), found.of_inequalities.max(initial=0.0))
         if given > tolerances.GIVES:
             return ChainAnswer(None, found, tuple(path), iterations)
-        begin = start(program, found.x, np.zeros(len(program.lower)))
+        begin = start_from_active_set(program, found.x, np.zeros(len(program.lower)))
         last = polish(program, begin, _AIM, _FROM_ELASTIC, self._saddle)
         if best is None or last.residual < best.residual:
             best = last

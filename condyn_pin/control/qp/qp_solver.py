@@ -129,17 +129,17 @@ class QuadraticProgram:
         gradient = Hx + self.g + y.dot(self.A) + z.dot(self.C)
         gradient /= size
         missed = self.A.dot(x) - self.b, Cx - nearest, np.maximum(self.lower - nearest, 0.0)
-        found = largest(np.concatenate((gradient, *missed)))
+        found = largest_norm(np.concatenate((gradient, *missed)))
         return found if isfinite(found) else np.inf
 
 
-def largest(v: Array) -> float:
+def largest_norm(v: Array) -> float:
     """Return the largest size of an entry; NaN if one is."""
     return float(np.maximum.reduce(np.abs(v))) if len(v) else 0.0
 
 
 def peak(v: Array) -> float:
-    """Return the largest size of an entry of finite numbers, in half the time of `largest`."""
+    """Return the largest size of an entry of finite numbers, in half the time of `largest_norm`."""
     return abs(float(v[_blas()(v)])) if len(v) else 0.0
 
 
@@ -363,7 +363,7 @@ class Polished(NamedTuple):
         return cls(x, y, z, at_lower, at_upper, (at_lower | at_upper).nonzero()[0], np.inf)
 
 
-def start(
+def start_from_active_set(
     program: QuadraticProgram, x: Array, z: Array, active: Polished | None = None
 ) -> Polished:
     """Return a rough answer with the rows that are active in it, or in another one."""
@@ -441,7 +441,7 @@ def _on_other_rows(program: QuadraticProgram, now: Polished, tolerance: float) -
 def _on_active_rows(program: QuadraticProgram, at: Polished, saddle: Saddle) -> Polished:
     """Return the answer with the active rows as equations."""
     n, p, active = len(program.g), len(program.b), at.active
-    G, d = _held(program, active, at.at_upper)
+    G, d = _active_equations(program, active, at.at_upper)
     xy = np.concatenate((at.x, at.y, at.z[active]))
     saddle.factorise(program, G, d)
     saddle.improve(xy)
@@ -451,7 +451,9 @@ def _on_active_rows(program: QuadraticProgram, at: Polished, saddle: Saddle) -> 
     return Polished(x, y, z, at.at_lower, at.at_upper, active, residual)
 
 
-def _held(program: QuadraticProgram, active: Indices, at_upper: Flags) -> tuple[Array, Array]:
+def _active_equations(
+    program: QuadraticProgram, active: Indices, at_upper: Flags
+) -> tuple[Array, Array]:
     """Return the rows that hold with equality, and what they are equal to: G x = d."""
     if not len(active):  # as in most control ticks
         return program.A, program.b

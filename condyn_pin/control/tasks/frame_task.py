@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.constraint import placement
-from condyn_pin.constraints.places import set_frames, short
+from condyn_pin.constraints.places import set_frames, short_frames
 from condyn_pin.control.tasks.orientation import turn_to
 from condyn_pin.control.tasks.task import (
     POSE,
@@ -22,7 +22,7 @@ from condyn_pin.control.tasks.task import (
     Tracking,
     difference,
     moving,
-    placed,
+    placement_at,
 )
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -64,7 +64,7 @@ class FrameTask(Tracking):
 
     @property
     def _called(self) -> str:
-        return f"{short(self.frame)} {self.of}"
+        return f"{short_frames(self.frame)} {self.of}"
 
     def _value(self, reference: Any) -> Any:
         if self.of == "pose":
@@ -78,7 +78,7 @@ class FrameTask(Tracking):
         left = _way_left if self.of == "position" else _pose_left
 
         def start() -> Any:
-            pose = tuple(pin.SE3ToXYZQUAT(placed(scene, joint, place, home())).tolist())
+            pose = tuple(pin.SE3ToXYZQUAT(placement_at(scene, joint, place, home())).tolist())
             return pose[: 7 if size == 6 else 3]
 
         wanted = self._feedback(size, start, left)

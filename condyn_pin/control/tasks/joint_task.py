@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from condyn_pin._core.arguments import checked
+from condyn_pin._core.arguments import checked_names
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import indices
 from condyn_pin.constraints.constraint import text
@@ -62,7 +62,7 @@ class JointTask(Tracking):
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return the task bound to a scene; by default the joint stays where it is at `home`."""
         model = scene.robot.model
-        checked("joint", [self.joint], scene.robot.joints, "joint")
+        checked_names("joint", [self.joint], scene.robot.joints, "joint")
         in_q, in_v = indices(model, [self.joint])
         if (len(in_q), len(in_v)) != (1, 1):
             raise InvalidArgument(

@@ -20,7 +20,7 @@ from condyn_pin.control.tasks.task import (
     Motion,
     Tracking,
     moving,
-    placed,
+    placement_at,
 )
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -71,7 +71,7 @@ class Orientation(Tracking):
         joint, place = moving(scene, self.frame)
 
         def start() -> Any:
-            return pin.SE3ToXYZQUAT(placed(scene, joint, place, home()))[3:]
+            return pin.SE3ToXYZQUAT(placement_at(scene, joint, place, home()))[3:]
 
         wanted = self._feedback(3, start, _turn_left)
 

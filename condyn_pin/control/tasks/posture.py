@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import checked, normalised
+from condyn_pin._core.arguments import checked_names, normalised
 from condyn_pin._core.arrays import Array, entries, finite
 from condyn_pin._core.joints import indices
 from condyn_pin.control.tasks.task import (
@@ -73,7 +73,7 @@ class Posture(Tracking):
         """Return the task bound to a scene; by default joints stay where they are at `home`."""
         robot = scene.robot
         chosen = robot.motor_joints if self.joints is None else self.joints
-        joints = checked("joints", chosen, robot.joints, "joint")
+        joints = checked_names("joints", chosen, robot.joints, "joint")
         if not joints:
             raise InvalidArgument(f"joints: {robot.name} names no motors: pass joints=[...]")
         columns = indices(robot.model, joints)[1]

@@ -33,7 +33,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_accuracy, check_called, checked, listed, register
-from condyn_pin._core.arrays import Array, finite, shown
+from condyn_pin._core.arrays import Array, finite, text_of
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.forces import ALIGNED, frame_jacobian
@@ -119,7 +119,7 @@ def moving(scene: Scene, frame: str) -> tuple[int, Any]:
     return joint, place
 
 
-def placed(scene: Scene, joint: int, place: Any, q: Array) -> Any:
+def placement_at(scene: Scene, joint: int, place: Any, q: Array) -> Any:
     """Return the placement of a frame in the world at q."""
     model = scene.robot.unedited
     data = whole_data(model)
@@ -291,7 +291,7 @@ class Task(ABC):
         if not (isinstance(self.weight, Real) and self.weight == math.inf):
             check_accuracy("weight", self.weight)
         if not isinstance(self.name, str):
-            raise InvalidArgument(f"name = {shown(self.name)}: a text is needed")
+            raise InvalidArgument(f"name = {text_of(self.name)}: a text is needed")
         object.__setattr__(self, "name", self.name or self._called)
 
     def __init_subclass__(cls) -> None:
@@ -432,7 +432,7 @@ class Tracking(Task):
             found = at(t)
             if not isinstance(found, tuple | list) or len(found) != 3:
                 raise InvalidArgument(
-                    f"{self.name}: reference({t:g}) = {shown(found)}: (x, v, a) is needed"
+                    f"{self.name}: reference({t:g}) = {text_of(found)}: (x, v, a) is needed"
                 )
             what = f"{self.name}: reference({t:g})"
             v_r = finite(f"{what}: v", np.atleast_1d(found[1]), size)

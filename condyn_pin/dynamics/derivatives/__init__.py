@@ -11,7 +11,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import Given
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.threads import alone
+from condyn_pin._core.threads import single_threaded
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
@@ -56,7 +56,7 @@ def differentiate(
     return _by_python(workspace, (q, v, tau), forces, method, accuracy)
 
 
-@alone
+@single_threaded
 @one_blas_thread
 def _by_python(
     workspace: Workspace, given: Given, forces: Sequence[AppliedForce], method: str, accuracy: float
@@ -79,7 +79,7 @@ def _by_python(
     return METHODS[method](workspace, solution, state[1].copy(), state[2].copy())
 
 
-@alone
+@single_threaded
 @one_blas_thread
 def _check(
     workspace: Workspace, q: ArrayLike, v: ArrayLike, tau: ArrayLike, found: Derivatives

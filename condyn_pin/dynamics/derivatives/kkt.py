@@ -29,7 +29,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import turning
+from condyn_pin._core.joints import joints_with_turning_axes
 from condyn_pin._core.linalg import ConstraintBasis, held_and_free, inverse_factor, lapack
 from condyn_pin._core.threads import of_workspace
 from condyn_pin._core.trees import whole_data
@@ -267,7 +267,7 @@ class Linearisation:
         model, bounds = in_series(model, bounds)
         self._carried: Carried | None = None
         self._done = b""  # the answer of which `data` holds Newton-Euler's derivatives
-        if model is not given and turning(model):
+        if model is not given and joints_with_turning_axes(model):
             self._carried = Carried(model)
             model = self._carried.model
         # in which no axes turn

@@ -29,7 +29,7 @@ import numpy as np
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import turning
+from condyn_pin._core.joints import joints_with_turning_axes
 from condyn_pin._core.linalg import held_and_free, inverse_factor
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives, turning_null_space
 from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives, load_partial
@@ -66,8 +66,8 @@ class PinocchioDerivatives(Derivatives):
             twice = _damped(workspace, q, v, tau, _weighted(settings, 2))
             _check_agreement(workspace, solution, mu, one, twice, _HOPELESS)
             more = _damped(workspace, q, v, tau, _weighted(settings, 4))
-            by_q, by_v, by_tau = found = _continued(one, twice)
-            rougher = _continued(twice, more)
+            by_q, by_v, by_tau = found = _extrapolated(one, twice)
+            rougher = _extrapolated(twice, more)
             _check_agreement(workspace, solution, mu, found, rougher, _LARGEST_OFF)
             _make_smallest(workspace, solution, found)
         if solution.applied:  # they are torques that change with q
@@ -105,7 +105,7 @@ def _weighted(settings: Any, times: float) -> Any:
     )
 
 
-def _continued(one: Blocks, twice: Blocks) -> Blocks:
+def _extrapolated(one: Blocks, twice: Blocks) -> Blocks:
     """Return derivatives with some mu and with twice that, continued to zero."""
     by_q, by_v, by_tau = (2.0 * x - y for x, y in zip(one, twice, strict=True))
     return by_q, by_v, by_tau
@@ -173,7 +173,7 @@ def _check(workspace: Workspace) -> None:
             "take method='kkt'"
         )
     model = workspace.model
-    for i in turning(model):
+    for i in joints_with_turning_axes(model):
         raise UnsupportedConstraint(
             f"method = 'pinocchio': its derivatives are wrong for joint {model.names[i]!r}, a "
             f"{model.joints[i].shortname()}, whose axes turn with its own q; take method='kkt'"

@@ -34,7 +34,7 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.jacobian import Block, Jacobian
-from condyn_pin._core.joints import Indices, axes, turning
+from condyn_pin._core.joints import Indices, axes, joints_with_turning_axes
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.forces import AppliedForce, Loads, frame_jacobian, in_axes
 from condyn_pin.constraints.partials.motion import dual_cross
@@ -43,7 +43,7 @@ from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.io.mjcf_write import drawn
+from condyn_pin.io.mjcf_write import drawn_configuration
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.derivatives.kkt import Linearisation
@@ -199,7 +199,7 @@ class Carried:
     """
 
     def __init__(self, model: Any) -> None:
-        chosen, free = turning(model), pin.Model()
+        chosen, free = joints_with_turning_axes(model), pin.Model()
         self._n = model.nv
         self._joints: list[_Joint] = []
         nothing = np.zeros(0, dtype=int)
@@ -211,7 +211,7 @@ class Carried:
             free.inertias[i] = model.inertias[i]
             places = _places(joint, free.joints[i])
             if i in chosen:
-                self._joints.append(_alone(joint, places))
+                self._joints.append(_single_joint(joint, places))
             else:
                 stay.append(places)
         self._stay = _Places(*map(np.concatenate, zip(*stay, strict=True)))
@@ -264,7 +264,7 @@ def _places(joint: Any, free: Any) -> _Places:
     )
 
 
-def _alone(joint: Any, places: _Places) -> _Joint:
+def _single_joint(joint: Any, places: _Places) -> _Joint:
     """Return a joint by itself."""
     model = pin.Model()
     model.addJoint(0, joint, pin.SE3.Identity(), "joint")
@@ -293,7 +293,7 @@ def in_series(
     model: Any, bounds: Sequence[BoundConstraint]
 ) -> tuple[Any, tuple[BoundConstraint, ...]]:
     """Return model and constraints with such joints in series; the same ones if there are none."""
-    if not turning(model):
+    if not joints_with_turning_axes(model):
         return model, tuple(bounds)
     series, last = pin.Model(), [0]
     for i in range(1, model.njoints):
@@ -348,7 +348,11 @@ def slope(function: Callable[[Array], Array], direction: Array) -> Array:
 def inverse_inertias_by_inertias(workspace: Workspace) -> Array:
     """Return w of `inverse_inertias` by the inertial parameters (m, 10 (njoints - 1))."""
     model = workspace.model
-    data, q, still = whole_data(model), drawn(workspace.scene.robot), without_gravity(model)
+    data, q, still = (
+        whole_data(model),
+        drawn_configuration(workspace.scene.robot),
+        without_gravity(model),
+    )
     M = np.array(pin.crba(model, data, q))
     pin.computeJointJacobians(model, data, q)
     size, rest = 10 * (model.njoints - 1), np.zeros(model.nv)
@@ -447,13 +451,13 @@ def load_partial(loads: Loads, q: Array, forces: Sequence[AppliedForce]) -> Arra
             total += L.T @ (turned @ L[3:])
         total += below * (L.T @ dual_cross(wrench) @ L)
         oMf = data.oMi[joint] * placement
-        for i, columns, dS in _turning(loads, q, joint):
+        for i, columns, dS in _turning_axes(loads, q, joint):
             on_joint = (data.oMi[i].actInv(oMf)).act(pin.Force(wrench)).vector
             total[columns, columns] += np.einsum("kij,k->ij", dS, on_joint)
     return total
 
 
-def _turning(loads: Loads, q: Array, end: int) -> Iterator[tuple[int, slice, Array]]:
+def _turning_axes(loads: Loads, q: Array, end: int) -> Iterator[tuple[int, slice, Array]]:
     """Yield the joints above a frame whose axes turn with their q, their columns, and S by q."""
     model = loads.model
     for i in list(model.supports[end])[1:]:

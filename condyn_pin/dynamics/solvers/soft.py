@@ -241,10 +241,10 @@ def inverse_inertias(workspace: Workspace) -> Array:
     or to a moment, the mean over three axes; for a coupling, of what each joint does.
     """
     # imported here: other solvers need no MJCF
-    from condyn_pin.io.mjcf_write import drawn
+    from condyn_pin.io.mjcf_write import drawn_configuration
 
     model = workspace.model
-    data, q = whole_data(model), drawn(workspace.scene.robot)
+    data, q = whole_data(model), drawn_configuration(workspace.scene.robot)
     M = np.array(pin.crba(model, data, q))
     pin.computeJointJacobians(model, data, q)
 

@@ -16,7 +16,7 @@ from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.solvers.newton import SemismoothNewton, refine
 from condyn_pin.errors import SolveFailed
 from condyn_pin.gradients.routes.route import LawRoute
-from condyn_pin.gradients.routes.step_derivatives import ContactLaw, least
+from condyn_pin.gradients.routes.step_derivatives import ContactLaw, minimum_norm_solution
 
 # Steps of Newton's method from an answer: one or two, but for redundant contacts.
 _STEPS = 50
@@ -77,16 +77,16 @@ def polished(problem: ContactProblem, lam: Array, natural: float) -> Polished:
     """
     good = tolerances.CONTACT_POLISHED
     if not len(lam) or natural <= good:
-        return _read(problem, lam)
+        return _read_modes(problem, lam)
     within = _within_modes(problem, lam)
     if natural_residual(problem, within.lam) <= good:
         return within
     found = refine(problem, lam, _STEPS).lam
     if natural_residual(problem, found) <= good:
-        return _read(problem, found)
+        return _read_modes(problem, found)
     attempt, natural = attempt_contact(problem, SemismoothNewton(), found, good)
     if natural <= _GOOD_ENOUGH:
-        return _read(problem, attempt.lam)
+        return _read_modes(problem, attempt.lam)
     raise SolveFailed(
         f"contacts {', '.join(problem.names)}: the natural residual stays at {natural:.1e}, and "
         f"modes are read at {_GOOD_ENOUGH:g}; take Kappa(), which needs none",
@@ -94,7 +94,7 @@ def polished(problem: ContactProblem, lam: Array, natural: float) -> Polished:
     )
 
 
-def _read(problem: ContactProblem, lam: Array) -> Polished:
+def _read_modes(problem: ContactProblem, lam: Array) -> Polished:
     """Return polished impulses with the modes that they have."""
     modes = contact_modes(problem, lam, 100 * tolerances.CONTACT_POLISHED)
     return Polished(lam, modes, InModes(problem, modes))
@@ -106,7 +106,9 @@ def _within_modes(problem: ContactProblem, lam: Array) -> Polished:
     equations = InModes(problem, modes)
     of = equations.at(lam)
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
-    return Polished(lam - least(of.by_sigma.dot(G) + of.by_lam, of.left), modes, equations)
+    return Polished(
+        lam - minimum_norm_solution(of.by_sigma.dot(G) + of.by_lam, of.left), modes, equations
+    )
 
 
 def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Modes) -> float:

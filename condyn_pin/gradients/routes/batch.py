@@ -121,7 +121,7 @@ def step_derivatives_batch(
 
     steps = SteppedRows(tuple(scene.contacts), float(dt), integrator)
     return run(
-        DifferentiatedRows(steps, route, names), recipe, inputs, kinds_of(scene, names), made,
+        DifferentiatedRows(steps, route, names), recipe, inputs, output_kinds(scene, names), made,
         executor=executor, chunk=chunk, progress=progress,
         unsupported=chain(
             unsupported_steps(scene, integrator), unsupported_route(route, names),
@@ -130,7 +130,7 @@ def step_derivatives_batch(
     )  # fmt: skip
 
 
-def kinds_of(scene: Scene, wrt: Sequence[str]) -> dict[str, Kind]:
+def output_kinds(scene: Scene, wrt: Sequence[str]) -> dict[str, Kind]:
     """Row shape and dtype of each output."""
     robot, candidates = scene.robot, candidates_of(scene)
     inertias = 10 * (robot.model.njoints - 1) if "inertias" in wrt else 0

@@ -8,7 +8,7 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core.arguments import Grid, quoted
+from condyn_pin._core.arguments import Grid, quoted_names
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.contact.problem import ContactProblem, normalised
 from condyn_pin.errors import InvalidArgument, SolveFailed
@@ -119,8 +119,8 @@ class Kappa(LawRoute):
             dry = problem.names[len(problem.names) - len(problem.limits) :]
             names = [name for name, most in zip(dry, problem.limits, strict=True) if not most]
             raise InvalidArgument(
-                f"route = {self!r}: {quoted(names)} can give no force, and has no inside to go "
-                "through; leave it out of the scene, where it does nothing"
+                f"route = {self!r}: {quoted_names(names)} can give no force, and has no inside to "
+                "go through; leave it out of the scene, where it does nothing"
             )
         barrier = Barrier(problem, self.kappa, size)
         return barrier.law(barrier.solve())

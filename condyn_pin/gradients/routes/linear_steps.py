@@ -38,17 +38,17 @@ from condyn_pin.gradients.routes.partials import (
     InertiaPartials,
     add_bias_partials,
     agrees_by_chance,
+    end_state_partials,
+    free_step_partials,
     impact_partials,
     is_open,
     left_of_constraints,
     left_of_momentum,
     linearised,
-    moved,
     row_partials,
     torque_partials,
-    untouched,
 )
-from condyn_pin.gradients.routes.step_derivatives import Columns, ContactLaw, least
+from condyn_pin.gradients.routes.step_derivatives import Columns, ContactLaw, minimum_norm_solution
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.records import Note
 from condyn_pin.simulation.system import System
@@ -174,7 +174,7 @@ class LinearizedStep:
         if notes:
             found = found._replace(margin=0.0)
         self.system.at(t + self.dt)  # where loops are closed behind the step
-        q1, v1, dq, dv = moved(self, posed, v1, dv1)
+        q1, v1, dq, dv = end_state_partials(self, posed, v1, dv1)
         chain = self._starts.chain(t, q, v, taken.posed)
         if chain is not None:
             for by in (dq, dv):
@@ -214,7 +214,7 @@ class LinearizedStep:
         `along` (nv, columns) is how the velocity changes along which contacts are taken, if any.
         """
         if not len(law.lam):
-            return untouched(self, posed, v1)
+            return free_step_partials(self, posed, v1)
         condensed, lam = posed.condensed, posed.total(law.lam)
         l_b = condensed.constraint_impulses(lam)
         of = linearised(self, posed, v1, l_b)
@@ -238,7 +238,7 @@ class LinearizedStep:
         if self.inertias and law.by_size is not None:
             size = self.falls**2 * self.inertias.mass()
             b[:, self.columns.inertias] += np.outer(law.by_size, size)
-        free -= condensed.X.dot(least(A, b))
+        free -= condensed.X.dot(minimum_norm_solution(A, b))
         return np.asarray(condensed.factors.mass.L_inv.T.dot(free))
 
     def _friction(self, posed: StepProblem) -> slice | Indices:

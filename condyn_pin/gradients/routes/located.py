@@ -22,9 +22,9 @@ from condyn_pin.gradients.routes.route import Route
 from condyn_pin.gradients.routes.step_derivatives import (
     ContactLaw,
     StepDerivatives,
-    least,
-    made,
+    minimum_norm_solution,
     modes_of,
+    step_derivatives_of,
 )
 from condyn_pin.simulation.records import Note
 from condyn_pin.stepping.contact_steps import ContactSteps
@@ -95,7 +95,9 @@ class LocatedStep:
                 margin = min(margin, self._missed(opening * (self._dt - done), opening))
         self._steps.steps.check_turn(v0, v)
         margin = min(margin, self._from_landing(q, v))
-        return made(route, self._steps, (q, v), (dq, dv), modes, margin, tuple(notes))
+        return step_derivatives_of(
+            route, self._steps, (q, v), (dq, dv), modes, margin, tuple(notes)
+        )
 
     def _joined(
         self, modes: dict[str, str], margin: float, ended: Ended
@@ -177,7 +179,7 @@ class LocatedStep:
         equations.at(t)
         free, dsigma = condensed.changed(np.zeros((len(ended.v), 1)), equations.wanted[2][:, None])
         A = law.by_sigma.dot(condensed.G) + law.by_lam
-        free -= condensed.X.dot(least(A, law.by_sigma.dot(dsigma)))
+        free -= condensed.X.dot(minimum_norm_solution(A, law.by_sigma.dot(dsigma)))
         return np.asarray(condensed.factors.mass.L_inv.T.dot(free[:, 0]))
 
     def _late(

@@ -86,7 +86,7 @@ def left_of_constraints(
     return slip
 
 
-def untouched(steps: LinearizedStep, posed: StepProblem, v1: Array) -> Array:
+def free_step_partials(steps: LinearizedStep, posed: StepProblem, v1: Array) -> Array:
     """Return v+ by all columns (nv, columns) of a step in which nothing touches.
 
     Its h is that of the mean of v and of v+ with h at v.
@@ -245,7 +245,7 @@ def _at_the_end(
 _APART: Final = 1e-5
 
 
-def moved(
+def end_state_partials(
     steps: LinearizedStep, posed: StepProblem, v1: Array, dv1: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Return q+ and v+ in the axes in which a step ends, and both by all columns."""

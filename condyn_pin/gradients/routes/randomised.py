@@ -17,7 +17,11 @@ from condyn_pin.contact.problem import MODES
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.gradients.routes.linear_steps import LinearizedStep
 from condyn_pin.gradients.routes.route import Route
-from condyn_pin.gradients.routes.step_derivatives import PARAMETERS, StepDerivatives, made
+from condyn_pin.gradients.routes.step_derivatives import (
+    PARAMETERS,
+    StepDerivatives,
+    step_derivatives_of,
+)
 from condyn_pin.gradients.routes.varied_steps import VariedSteps
 from condyn_pin.stepping.step_problem import AcceptedStep
 
@@ -115,7 +119,7 @@ class Randomised(Route):
             dq[:, varied.columns], dv[:, varied.columns] = slope[:n], slope[n:]
         names = steps.system.contacts.names
         named = dict(zip(names, (MODES[code] for code in modes), strict=True))
-        return made(self, steps, centre, (dq, dv), named, inf)
+        return step_derivatives_of(self, steps, centre, (dq, dv), named, inf)
 
     def _varied(self, steps: LinearizedStep, t: float, q: Array, v: Array) -> Iterator[_Varied]:
         """Varied quantities of a step: q, v, tau, and the parameters in `wrt`."""
@@ -133,7 +137,7 @@ class Randomised(Route):
         def at(move: Array) -> tuple[Array, Array]:
             return step(t, pin.integrate(system.model, q, move), v)
 
-        yield _Varied(columns.q, self.sigma * _free(steps, q), at)
+        yield _Varied(columns.q, self.sigma * _free_directions(steps, q), at)
         yield _Varied(columns.v, self.sigma * np.eye(n), lambda move: step(t, q, v + move))
         yield _Varied(columns.tau, np.diag(felt), pushed)
         for name in steps.wrt:
@@ -154,7 +158,7 @@ class _Varied(NamedTuple):
     end: Callable[[Array], tuple[Array, Array]]  # of a step, by a move (numbers,)
 
 
-def _free(steps: LinearizedStep, q: Array) -> Array:
+def _free_directions(steps: LinearizedStep, q: Array) -> Array:
     """Return an orthonormal basis (nv, free) of what constraints leave of q."""
     J = steps.system.equations.consistent_jacobian(q)
     if not len(J):

@@ -159,10 +159,12 @@ def differentiated(route: Route, steps: LinearizedStep, ended: Ended) -> StepDer
     state, matrices = (ended.q, ended.v), (ended.dq, ended.dv)
     is_at_a_kink = route.is_smooth and _is_at_a_kink(steps, ended.posed)
     margin = 0.0 if is_at_a_kink else _margin(steps, ended)
-    return made(route, steps, state, matrices, modes_of(steps, ended), margin, ended.notes)
+    return step_derivatives_of(
+        route, steps, state, matrices, modes_of(steps, ended), margin, ended.notes
+    )
 
 
-def made(
+def step_derivatives_of(
     route: Route, steps: LinearizedStep, state: tuple[Array, Array],
     matrices: tuple[Array, Array], modes: dict[str, str], margin: float,
     notes: tuple[Note, ...] = (),
@@ -185,12 +187,12 @@ def modes_of(steps: LinearizedStep, ended: Ended) -> dict[str, str]:
     """Return the modes of all contacts in a step that has ended."""
     posed, names = ended.posed, steps.system.contacts.names
     modes = dict.fromkeys(names, MODES[OPEN])
-    for name, code in zip(posed.problem.names, _found(posed.problem, ended.law), strict=True):
+    for name, code in zip(posed.problem.names, _modes_of(posed.problem, ended.law), strict=True):
         modes[name] = MODES[code]
     return modes
 
 
-def _found(problem: ContactProblem, law: ContactLaw) -> list[int]:
+def _modes_of(problem: ContactProblem, law: ContactLaw) -> list[int]:
     """Return the modes of the contacts that take part."""
     found = law.modes
     if found is None:
@@ -314,7 +316,7 @@ class ContactLaw(NamedTuple):
         return self._replace(by_lam=self.by_lam + self.by_sigma * R)
 
 
-def least(A: Array, b: Array) -> Array:
+def minimum_norm_solution(A: Array, b: Array) -> Array:
     """Return x of A x = b (m,) or (m, columns), the smallest one where contacts are redundant.
 
     By A^-1 and one step of refinement, which is as exact as LAPACK's solution for each column: of

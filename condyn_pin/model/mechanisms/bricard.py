@@ -6,7 +6,7 @@ from math import asin, pi, sin
 
 import numpy as np
 
-from condyn_pin.model.mechanisms.machine import Machine, X, Y, Z, along, hinge, square_rod
+from condyn_pin.model.mechanisms.machine import Machine, X, Y, Z, axes_along, hinge, square_rod
 from condyn_pin.model.mechanisms.registry import mechanism
 from condyn_pin.model.robot import Robot
 
@@ -43,7 +43,7 @@ def bricard() -> Robot:
     points = np.array([0 * X, X, X - Z, X - Y - Z, -Y - Z, -Y])
     axes = Z, -Y, X, Z, -Y
     for k, (start, end, axis) in enumerate(zip(points, points[1:], axes, strict=False), start=1):
-        R = along(end - start, axis)
+        R = axes_along(end - start, axis)
         rod = square_rod(1.0, 1.0, 0.1)
         made.body(f"rod{k}", parent, start, R, hinge(f"theta{k}", R.T @ axis), rod)
         parent = f"rod{k}"

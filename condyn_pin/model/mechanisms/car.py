@@ -65,11 +65,11 @@ def car(*, trailers: int = 0, wheelbase: float = 2.5, hitch: float = 2.0) -> Rob
     blades = [KnifeEdge("rear"), KnifeEdge("front")]
     middle = pin.SE3(np.eye(3), np.array([wheelbase / 2, 0.0, 0.0]))
     model.appendBodyToJoint(joint, pin.Inertia.FromBox(1000.0, 1.5 * wheelbase, 1.6, 1.2), middle)
-    _mark(model, "rear", joint)
+    _add_frame(model, "rear", joint)
     ahead = pin.SE3(np.eye(3), np.array([wheelbase, 0.0, 0.0]))
     steering = model.addJoint(joint, pin.JointModelRZ(), ahead, "steering")
     model.appendBodyToJoint(steering, pin.Inertia.FromSphere(10.0, 0.3), here)
-    _mark(model, "front", steering)
+    _add_frame(model, "front", steering)
     behind = pin.SE3(np.eye(3), np.array([-hitch, 0.0, 0.0]))
     place = here
     for i in range(1, trailers + 1):
@@ -147,7 +147,7 @@ def ackermann(*, wheelbase: float = 2.5, track: float = 1.4, arm: float = 0.15) 
     )
 
 
-def _mark(model: object, name: str, joint: int) -> None:
+def _add_frame(model: object, name: str, joint: int) -> None:
     """Add a frame at the origin of a joint."""
     frame = pin.Frame(name, joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME)
     model.addFrame(frame)  # type: ignore[attr-defined]

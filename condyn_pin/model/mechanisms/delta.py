@@ -11,13 +11,13 @@ from condyn_pin.model.mechanisms.machine import (
     Machine,
     Y,
     Z,
-    along,
+    axes_along,
     hinge,
     lump,
     on_circle,
     plate,
+    quaternion_about,
     round_rod,
-    turn,
 )
 from condyn_pin.model.mechanisms.registry import mechanism
 from condyn_pin.model.robot import Robot
@@ -59,7 +59,7 @@ def delta() -> Robot:
         e, t = (on_circle(2 * pi / 3 * (k - 1) + a) for a in (0, pi / 2))
         elbow = (_BASE + _ARM) * e
         along_rod = cos(beta) * e - sin(beta) * Z
-        R_arm, R_rod = along(e, t), along(along_rod, t)
+        R_arm, R_rod = axes_along(e, t), axes_along(along_rod, t)
         arm = round_rod(_ARM, 0.4, 0.015)
         made.body(f"arm{k}", "base", _BASE * e, R_arm, hinge(f"motor{k}", Y), arm)
         low[f"motor{k}"] = _LOWERED
@@ -77,7 +77,7 @@ def delta() -> Robot:
                 disc = plate(_TOP, 0.01, 0.3, head[2] * Z - head)
                 made.body("platform", "rod1a", head, np.eye(3), ball, disc)
                 made.mark("platform_centre", "platform", head[2] * Z)
-                low["platform_ball"] = turn(t, -pitch)
+                low["platform_ball"] = quaternion_about(t, -pitch)
             else:
                 made.connect(f"ball{name}", f"rod{name}", "platform", head)
     return made.robot({"home": {}, "low": low}, "motor1", "motor2", "motor3")

@@ -37,7 +37,9 @@ class Machine:
     ) -> None:
         """Add a body with origin p and axes R in the world."""
         oMb = self._given[name] = pin.SE3(np.asarray(R), np.asarray(p))
-        self._tree.add_body(name, parent, _clean(self._given[parent].actInv(oMb)), [joint], solid)
+        self._tree.add_body(
+            name, parent, _rounded_placement(self._given[parent].actInv(oMb)), [joint], solid
+        )
 
     def mark(self, name: str, body: str, point: ArrayLike) -> None:
         """Add a frame on a body, at a point of the world."""
@@ -57,7 +59,7 @@ class Machine:
             q = configurations[posture] = drawn.copy()
             for name, value in moved.items():
                 joint = model.joints[model.getJointId(name)]
-                q[joint.idx_q : joint.idx_q + joint.nq] = clean(value)
+                q[joint.idx_q : joint.idx_q + joint.nq] = rounded_as_drawn(value)
         return Robot(
             model.name,
             model,
@@ -78,10 +80,10 @@ class Machine:
         return Loop(f"{name}_a", f"{name}_b", name=name)
 
     def _at(self, body: str, point: ArrayLike) -> Any:
-        return pin.SE3(np.eye(3), clean(self._given[body].actInv(np.asarray(point))))
+        return pin.SE3(np.eye(3), rounded_as_drawn(self._given[body].actInv(np.asarray(point))))
 
 
-def clean(values: ArrayLike) -> Array:
+def rounded_as_drawn(values: ArrayLike) -> Array:
     """Return numbers as a drawing has them: zero where rounding is all, and with 15 digits.
 
     Axes that are meant to be parallel are so to the last bit.
@@ -92,21 +94,23 @@ def clean(values: ArrayLike) -> Array:
     return np.where(np.abs(x) < _ROUNDING, 0.0, x)
 
 
-def _clean(M: Any) -> Any:
-    xyzw = clean(pin.Quaternion(M.rotation).coeffs())
+def _rounded_placement(M: Any) -> Any:
+    xyzw = rounded_as_drawn(pin.Quaternion(M.rotation).coeffs())
     xyzw = xyzw / np.abs(xyzw).max()
     x, y, z, w = xyzw / np.linalg.norm(np.roll(xyzw, 1))
-    return pin.SE3(pin.Quaternion(w, x, y, z).toRotationMatrix(), clean(M.translation))
+    return pin.SE3(pin.Quaternion(w, x, y, z).toRotationMatrix(), rounded_as_drawn(M.translation))
 
 
 def hinge(name: str, axis: Array, reference: float = 0.0) -> DrawnJoint:
     """Return a hinge; `reference` is its angle as drawn [rad]."""
-    return DrawnJoint(name, "hinge", clean(axis), reference=float(clean(reference)))
+    return DrawnJoint(
+        name, "hinge", rounded_as_drawn(axis), reference=float(rounded_as_drawn(reference))
+    )
 
 
 def solid(mass: float, centre: ArrayLike, moments: ArrayLike) -> Any:
     """Return an inertia with its principal axes along those of the body."""
-    return pin.Inertia(mass, clean(centre), np.diag(clean(moments)))
+    return pin.Inertia(mass, rounded_as_drawn(centre), np.diag(rounded_as_drawn(moments)))
 
 
 def round_rod(length: float, mass: float, radius: float) -> Any:
@@ -132,7 +136,7 @@ def lump(radius: float, mass: float) -> Any:
     return solid(mass, (0, 0, 0), [0.4 * mass * radius**2] * 3)
 
 
-def along(x: Array, y: Array) -> Array:
+def axes_along(x: Array, y: Array) -> Array:
     """Return axes with x along the first direction and y as near the second as can be."""
     z = np.cross(x, y)
     columns = x, np.cross(z, x), z
@@ -141,10 +145,10 @@ def along(x: Array, y: Array) -> Array:
 
 def in_plane(angle: float) -> Array:
     """Return axes in the x-z plane; the angle counts from x towards z, about -y [rad]."""
-    return along(np.array([cos(angle), 0, sin(angle)]), Y)
+    return axes_along(np.array([cos(angle), 0, sin(angle)]), Y)
 
 
-def turn(axis: Array, angle: float) -> Array:
+def quaternion_about(axis: Array, angle: float) -> Array:
     """Return the quaternion x y z w of a turn about a unit vector."""
     return np.array([*(sin(angle / 2) * axis), cos(angle / 2)])
 

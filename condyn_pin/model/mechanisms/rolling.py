@@ -85,7 +85,7 @@ def rolling_ball(*, radius: float = 0.1, mass: float = 0.5) -> Robot:
         {"floating": pin.JointModelFreeFlyer()},
         pin.Inertia.FromSphere(mass, radius),
         RollingBall("centre", radius, height=0.0, name="skin"),
-        {"origin": _leaning(radius, 0.0)},
+        {"origin": _leaning_disc(radius, 0.0)},
     )
 
 
@@ -134,11 +134,11 @@ def rolling_disc(*, radius: float = 0.1, mass: float = 0.5) -> Robot:
         {"floating": pin.JointModelFreeFlyer()},
         disc(radius, mass),
         RollingWheel("centre", radius, height=0.0, name="rim"),
-        {"upright": _leaning(radius, 0.0), "leaning": _leaning(radius, 0.3)},
+        {"upright": _leaning_disc(radius, 0.0), "leaning": _leaning_disc(radius, 0.3)},
     )
 
 
-def _leaning(radius: float, angle: float) -> Array:
+def _leaning_disc(radius: float, angle: float) -> Array:
     """Return a disc on the plane, turned about x [rad]."""
     height = radius * np.cos(angle)
     return np.array([0.0, 0.0, height, np.sin(angle / 2), 0.0, 0.0, np.cos(angle / 2)])

@@ -12,13 +12,13 @@ from condyn_pin.model.mechanisms.machine import (
     X,
     Y,
     Z,
-    along,
+    axes_along,
     hinge,
     lump,
     on_circle,
     plate,
+    quaternion_about,
     round_rod,
-    turn,
 )
 from condyn_pin.model.mechanisms.registry import mechanism
 from condyn_pin.model.robot import Robot
@@ -58,7 +58,7 @@ def stewart() -> Robot:
         head = centre + _TOP * on_circle(third + side * (pi / 3 - _HALF_GAP))
         leg = head - foot
         L, r, k = float(np.linalg.norm(leg)), hypot(*leg[:2]), i + 1
-        R = along(leg, np.cross(Z, leg))
+        R = axes_along(leg, np.cross(Z, leg))
         tilt, swing = hinge(f"tilt{k}", Y), hinge(f"swing{k}", Z)
         motor = DrawnJoint(f"leg{k}", "slide", X, lower=-_STROKE, upper=_STROKE)
         cylinder, piston = round_rod(L / 2, 1.0, 0.03), round_rod(L / 2, 0.5, 0.02)
@@ -71,7 +71,7 @@ def stewart() -> Robot:
             ball, disc = DrawnJoint("platform_ball", "ball"), plate(_TOP, 0.03, 5.0, centre - head)
             made.body("platform", "piston1", head, np.eye(3), ball, disc)
             made.mark("platform_centre", "platform", centre)
-            lifted["platform_ball"] = turn(R[:, 1], steeper)
+            lifted["platform_ball"] = quaternion_about(R[:, 1], steeper)
         else:
             made.connect(f"ball{k}", f"piston{k}", "platform", head)
     return made.robot({"home": {}, "lifted": lifted}, *(f"leg{k}" for k in range(1, 7)))

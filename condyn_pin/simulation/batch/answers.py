@@ -311,14 +311,14 @@ class SolvedRows(Verb):
         state, forces = (inputs["q"], inputs["v"], inputs["tau"]), forces_in(inputs, self.forces)
         about: dict[str, Any] = {"forces": forces, "accuracy": self.accuracy}
         if self.method is None:
-            _put(outputs, workspace.solve(*state, throw=False, **about))
+            _write_outputs(outputs, workspace.solve(*state, throw=False, **about))
             return ""
         try:
             found = workspace.derivatives(*state, method=self.method, **about)
         except SolveFailed as failed:
-            _put(outputs, failed.solution)
+            _write_outputs(outputs, failed.solution)
         else:
-            _put(outputs, found.solution)
+            _write_outputs(outputs, found.solution)
             for name in BLOCKS:
                 outputs[name][...] = getattr(found, name)
         return ""
@@ -333,7 +333,7 @@ class SolvedRows(Verb):
         return work(state, outputs, accuracy=self.accuracy, threads=threads, forces=forces), {}
 
 
-def _put(outputs: Arrays, solution: Solution) -> None:
+def _write_outputs(outputs: Arrays, solution: Solution) -> None:
     for name in ("a", "lam", "residuals", "iterations"):
         outputs[name][...] = getattr(solution, name)
     outputs["statuses"][...] = STATUSES.index(solution.status)

@@ -19,7 +19,7 @@ from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
-from condyn_pin.dynamics.compiled import unsupported
+from condyn_pin.dynamics.compiled import unsupported_features
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.verbs import workspace_for
@@ -43,12 +43,12 @@ def check_states(
         TAU = np.zeros(model.nv)
     for_all = np.ndim(TAU) == 1
     tau = finite("TAU", TAU, (model.nv,) if for_all else (count, model.nv))
-    for i, part, norm in loose(robot, q):
+    for i, part, norm in denormalised_parts(robot, q):
         raise not_of_norm_one(name, f"{part.start}:{part.stop}", q[i, part], norm, row=f"{i}")
     return np.ascontiguousarray(q), np.ascontiguousarray(v), np.ascontiguousarray(tau)
 
 
-def loose(
+def denormalised_parts(
     robot: Robot, q: Array, low: float = LOW, high: float = HIGH
 ) -> Iterator[tuple[int, slice, float]]:
     """Yield row, place and norm of the parts of q (N, nq) that should have norm 1 and have not.
@@ -160,7 +160,7 @@ class Recipe:
 
     def unsupported(self) -> Iterator[str]:
         """Reasons why the compiled core cannot solve the scene."""
-        yield from unsupported(self.workspace())
+        yield from unsupported_features(self.workspace())
 
     def pickled(self) -> PickledRecipe:
         """Return the recipe as it travels; InvalidArgument if it is of a class that cannot."""

@@ -40,7 +40,7 @@ from condyn_pin.simulation.batch.trajectory import (
     ENDS,
     RUN_STATUSES,
     BatchTrajectory,
-    kinds_of,
+    array_kinds,
     samples_in,
 )
 from condyn_pin.simulation.drift.no_drift import NoDrift
@@ -51,12 +51,19 @@ from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicit
 from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.integrators.midpoint import ImplicitMidpoint, LinearlyImplicitMidpoint
 from condyn_pin.simulation.manifold import Manifold
-from condyn_pin.simulation.measures import Energy, damping_rate, doubt, gauge_of, is_accurate, work
+from condyn_pin.simulation.measures import (
+    Energy,
+    damping_rate,
+    gauge_of,
+    integral_error,
+    is_accurate,
+    work,
+)
 from condyn_pin.simulation.motion_status import Course, judged_status
 from condyn_pin.simulation.outcome import MotionLimits, RunStatus, check_limits, uninterrupted
 from condyn_pin.simulation.plan import Plan, check_penetration, default_solver, plan
 from condyn_pin.simulation.records import ContactWork, Phase, touch_of
-from condyn_pin.simulation.run import LOST, HybridPhase, follow, is_lost, start
+from condyn_pin.simulation.run import LOST, HybridPhase, first_state, follow, is_lost
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Passive, Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
@@ -166,9 +173,9 @@ def simulate_batch(
         recipe = Recipe(held, solver or default_solver(held), planned.drift.rows)
     return run(
         motions, recipe, {"q0": q, "v0": v, "tau0": tau} | more,
-        kinds_of(scene, 0 if record is None else motions.kept), partial(_batch, planned, begun),
+        array_kinds(scene, 0 if record is None else motions.kept), partial(_batch, planned, begun),
         executor=executor, chunk=chunk, progress=progress,
-        unsupported=unsupported(planned, recipe, bool(applied)),
+        unsupported=why_not_compiled(planned, recipe, bool(applied)),
     )  # fmt: skip
 
 
@@ -245,7 +252,7 @@ class Motions(Verb):
             outputs["statuses"][...] = RUN_STATUSES.index(RunStatus.FAILED)
             reason = str(error)
         else:
-            _put(outputs, found)
+            _write_outputs(outputs, found)
             reason = found.reason
         outputs["run_times"][...] = perf_counter() - begun
         return reason
@@ -357,10 +364,10 @@ def _start(workspace: Workspace, q: Array, v: Array, plan: Plan) -> tuple[Array,
         gap = max(workspace.equations.open_by(q_, v_))
     if gap < tolerances.NEARLY_CLOSED / 10:
         return q_, v_
-    return start(workspace.scene, q, v, plan)
+    return first_state(workspace.scene, q, v, plan)
 
 
-def _put(outputs: Arrays, found: Trajectory) -> None:
+def _write_outputs(outputs: Arrays, found: Trajectory) -> None:
     for name in ("t", "q", "v"):
         outputs[name][...] = getattr(found, name)[-1]
     for name in ("violation", "constraint_velocity"):
@@ -393,7 +400,7 @@ _INTEGRATORS: Final[dict[Integrator, int]] = {
 MEASURED: Final = 6
 
 
-def unsupported(plan: Plan, recipe: Recipe, forces: bool) -> Iterator[str]:
+def why_not_compiled(plan: Plan, recipe: Recipe, forces: bool) -> Iterator[str]:
     """Reasons why the core cannot follow a plan, in words."""
     if plan.tau.constant is None or forces:
         what = "TAU is a function" if plan.tau.constant is None else "there are forces from outside"
@@ -481,7 +488,7 @@ def _energies(found: dict[str, Any], tau: Array, scene: Scene, integrator: Integ
         rate = damping_rate(passive, v, found["a"])
     done = work(t, power[0]), work(t, power[1], None if rate is None else rate.T)
     along = v.transpose(1, 0, 2)
-    off = sum(doubt(t, *each, along) for each in zip(power, done, between, strict=True))
+    off = sum(integral_error(t, *each, along) for each in zip(power, done, between, strict=True))
     none = np.zeros_like(power[0])
     contact, correction, algorithmic, driven = none, none, none, none
     if "work" in found:
@@ -489,7 +496,7 @@ def _energies(found: dict[str, Any], tau: Array, scene: Scene, integrator: Integ
     elif "driven" in found:
         drives = found["driven"].T
         driven = work(t, drives)
-        off = off + doubt(t, drives, driven, 0.5 * (drives[1:] + drives[:-1]))
+        off = off + integral_error(t, drives, driven, 0.5 * (drives[1:] + drives[:-1]))
     return Energy(
         kinetic=kinetic.T, potential=potential.T, springs=springs.T, work=done[0], damping=done[1],
         impacts=none, driven=driven, contact=contact, correction=correction,

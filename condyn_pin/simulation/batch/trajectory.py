@@ -24,7 +24,7 @@ from condyn_pin.errors import NotRecorded
 from condyn_pin.mechanism.closing import with_anchors
 from condyn_pin.model.joints import by_joint
 from condyn_pin.model.robot import Robot
-from condyn_pin.simulation.batch.inputs import loose
+from condyn_pin.simulation.batch.inputs import denormalised_parts
 from condyn_pin.simulation.files import (
     CHOICES,
     MOTIONS,
@@ -34,7 +34,7 @@ from condyn_pin.simulation.files import (
     choice,
     encode,
     limits_of,
-    read,
+    read_archive,
     scene_of,
     write,
 )
@@ -60,7 +60,7 @@ ENDS: Final = (
 )
 
 
-def kinds_of(scene: Scene, kept: int) -> dict[str, Kind]:
+def array_kinds(scene: Scene, kept: int) -> dict[str, Kind]:
     """Row shape and dtype of each array of a batch, with `kept` samples of each motion."""
     robot, rows = scene.robot, len(row_names(scene))
     widths: dict[str, tuple[int, ...]] = {
@@ -173,7 +173,9 @@ class BatchTrajectory(BatchResult[Trajectory]):
         InvalidArgument
             If the file is missing, or is not one of a batch of motions.
         """
-        return read(path, MOTIONS, (*ENDS, *(f"samples_{name}" for name in SAMPLED)), _batch)
+        return read_archive(
+            path, MOTIONS, (*ENDS, *(f"samples_{name}" for name in SAMPLED)), _batch
+        )
 
     def to_pandas(self) -> Any:
         """Return the ends as a `pandas.DataFrame`, a motion a row; ``batch[i].to_pandas()`` is one.
@@ -298,7 +300,7 @@ _CONTACT = "samples_contact"
 def _batch(robot: Robot, header: Header, content: Content) -> BatchTrajectory:
     scene = scene_of(robot, header)
     kept = content["samples_t"].shape[-1] if "samples_t" in content else 0
-    kinds = kinds_of(scene, kept)
+    kinds = array_kinds(scene, kept)
     arrays, count = {name: content[name] for name in kinds}, len(content["t"])
     if _CONTACT in arrays:
         arrays[_CONTACT] = written_before(arrays[_CONTACT], len(candidates_of(scene).names))
@@ -369,5 +371,5 @@ def _check_samples(batch: BatchTrajectory, samples: Samples) -> None:
 
 def _check_units(name: str, batch: BatchTrajectory, q: Array) -> None:
     """Refuse quaternions that are not normalised, of configurations (k, nq)."""
-    if any(loose(batch.scene.robot, q)):
+    if any(denormalised_parts(batch.scene.robot, q)):
         raise ValueError(f"{name} has a quaternion that is not normalised")

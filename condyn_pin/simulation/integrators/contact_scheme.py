@@ -309,13 +309,13 @@ def yielding_gaps(near: Near) -> Array:
         its = np.flatnonzero(island & moved)
         if len(its) > 1 and (allowed[its] < 0.0).any():
             wanted, bent = -allowed[its] / near.dt, near.bends[its] / near.dt
-            followed = _followed(N[its[:, None], its], wanted, bent)
+            followed = _feasible_pushes(N[its[:, None], its], wanted, bent)
             less = followed < wanted
             allowed[its[less]] = -near.dt * followed[less]
     return allowed
 
 
-def _followed(N: Array, wanted: Array, bent: Array) -> Array:
+def _feasible_pushes(N: Array, wanted: Array, bent: Array) -> Array:
     """Feasible part of the push velocities `wanted` (k,), which are p or -gap / dt [m/s].
 
     `bent` is the velocity by path curvature.

@@ -28,7 +28,7 @@ from scipy.linalg.lapack import dposv
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import turning
+from condyn_pin._core.joints import joints_with_turning_axes
 from condyn_pin._core.linalg import inverse
 from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.derivatives.solution_derivatives import Carried, in_series
@@ -131,7 +131,7 @@ class _Hamiltonian:
         nominal = system.scene.nominal
         self._redundancy = nominal.redundancy if nominal.looks_independent else None
         self._carried = None
-        if model is not system.model and turning(model):
+        if model is not system.model and joints_with_turning_axes(model):
             self._carried = Carried(model)
             model = self._carried.model
         # Pinocchio forms C in the world's axes and about its origin: far from there it is made of
@@ -177,7 +177,7 @@ class _Hamiltonian:
             nonlocal p, v_start, v_end, q1, lam, towards
             if next(left_to_do, None) == 0:  # q1 is nearly known, and with it how lam moves it
                 J1 = place.kept(system.equations.jacobian(q1))
-                towards = _between(J1, place.Md_inv, place.J) / (half * dt)
+                towards = _inverse_between(J1, place.Md_inv, place.J) / (half * dt)
             p = p0 + half * (self._force(t, q, v_start) + D.dot(v_start) + place.J.T.dot(lam))
             v_start = place.Md_inv.dot(p)
             p = p - half * D.dot(v_start)
@@ -217,15 +217,15 @@ class _Hamiltonian:
         kept = self._system.kept_rows(q)
         M, J = self._system.mass(q), kept(self._system.equations.jacobian(q))
         M_inv = inverse(M)
-        both = M_inv, _between(J, M_inv, J)
+        both = M_inv, _inverse_between(J, M_inv, J)
         D = self._passive.damping_matrix(q) if self._passive.between else self._of_joints
         if not D.any():
             return _Place(kept, M, J, *both, *both, D)
         Md_inv = inverse(M + self._half * D)
-        return _Place(kept, M, J, *both, Md_inv, _between(J, Md_inv, J), D)
+        return _Place(kept, M, J, *both, Md_inv, _inverse_between(J, Md_inv, J), D)
 
 
-def _between(J1: Array, M_inv: Array, J: Array) -> Array:
+def _inverse_between(J1: Array, M_inv: Array, J: Array) -> Array:
     """Return (J1 M^-1 J^T)^-1 (m, m), damped."""
     G: Array = J1.dot(M_inv).dot(J.T)
     if len(G):

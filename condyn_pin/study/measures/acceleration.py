@@ -18,7 +18,7 @@ from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import SolveFailed
-from condyn_pin.study.measures.measure import Answer, Measure, relative, unthrown
+from condyn_pin.study.measures.measure import Answer, Measure, relative, solve_without_throw
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,10 @@ class AccelerationMeasure(Measure):
 
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:
         """Return the hot loop, the solve with its residuals, and Pinocchio's own call."""
-        calls: dict[str, Call] = {"once": workspace.acceleration, "solve": unthrown(workspace)}
+        calls: dict[str, Call] = {
+            "once": workspace.acceleration,
+            "solve": solve_without_throw(workspace),
+        }
         if isinstance(workspace.solver, LCABA | Proximal):
             call = _pin.lcaba() if isinstance(workspace.solver, LCABA) else pin.constraintDynamics
             model, data = workspace.model, workspace.data

@@ -19,7 +19,7 @@ from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.study.measures.measure import Answer, Measure, relative, unthrown
+from condyn_pin.study.measures.measure import Answer, Measure, relative, solve_without_throw
 
 
 @dataclass(frozen=True)
@@ -78,7 +78,7 @@ class DerivativeMeasure(Measure):
             solution = workspace.solve(q, v, tau, throw=False)
             return self._formed(workspace, solution, (q, v, tau))
 
-        return {"once": once, "solve": unthrown(workspace)}
+        return {"once": once, "solve": solve_without_throw(workspace)}
 
     def _formed(self, workspace: Workspace, solution: Solution, state: State) -> Array:
         return _blocks(workspace, solution, state, self.method)

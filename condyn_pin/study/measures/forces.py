@@ -11,7 +11,7 @@ from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.study.measures.measure import Answer, Measure, relative, unthrown
+from condyn_pin.study.measures.measure import Answer, Measure, relative, solve_without_throw
 
 
 @dataclass(frozen=True)
@@ -40,4 +40,4 @@ class ForceMeasure(Measure):
 
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:
         """Return the solve with its proof."""
-        return {"once": unthrown(workspace)}
+        return {"once": solve_without_throw(workspace)}

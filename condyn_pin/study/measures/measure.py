@@ -148,7 +148,7 @@ def relative(x: Array, truth: Array, least: float) -> float:
     return worst / (max(float(np.abs(truth).max(initial=0.0)), least) or 1.0)
 
 
-def unthrown(workspace: Workspace) -> Call:
+def solve_without_throw(workspace: Workspace) -> Call:
     """Return `Workspace.solve` with throw=False: no exception, whatever the status."""
     return partial(workspace.solve, throw=False)
 

@@ -55,7 +55,7 @@ def schemes_made(how: Mapping[str, Parameter]) -> dict[str, Any]:
 _T = TypeVar("_T")
 
 
-def _usual(registry: Mapping[str, type[_T]]) -> tuple[_T, ...]:
+def _default_entries(registry: Mapping[str, type[_T]]) -> tuple[_T, ...]:
     """Entries of a registry with default parameters; those with a required one are left out."""
     kinds = registry.values()
     return tuple(kind() for kind in kinds if not any(f.default is MISSING for f in fields(kind)))  # type: ignore[arg-type]
@@ -102,8 +102,8 @@ class TrajectoryMeasure(Measure):
     sweeps: ClassVar[tuple[Grid, ...]] = (
         {
             "dt": (1e-2, 3e-3, 1e-3, 3e-4),
-            "integrator": _usual(INTEGRATORS),
-            "drift": (None, *_usual(DRIFTS)),
+            "integrator": _default_entries(INTEGRATORS),
+            "drift": (None, *_default_entries(DRIFTS)),
         },
     )
 
@@ -140,7 +140,7 @@ class TrajectoryMeasure(Measure):
 
     def truth(self, scene: Scene, state: State) -> Array:
         """Return q and v at the end (nq + nv,)."""
-        return _end(scene, self.duration, *(x.tobytes() for x in state))
+        return _converged_end(scene, self.duration, *(x.tobytes() for x in state))
 
     def answer(self, workspace: MotionBench, state: State, truth: Array, accuracy: float) -> Answer:
         """Return the answer of a motion with a workspace's solver."""
@@ -184,7 +184,7 @@ class TrajectoryMeasure(Measure):
 
 
 @lru_cache(maxsize=1000)
-def _end(scene: Scene, duration: float, q: bytes, v: bytes, tau: bytes) -> Array:
+def _converged_end(scene: Scene, duration: float, q: bytes, v: bytes, tau: bytes) -> Array:
     """Final q and v of the converged motion (nq + nv,), cached for all steps and schemes."""
     integrator, parts = (_FINE, _FINE_PARTS) if scene.contacts else (_CONVERGED, _PARTS)
     motion = simulate(

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import HIGH, LOW, checked, listed
+from condyn_pin._core.arguments import HIGH, LOW, checked_names, listed
 from condyn_pin._core.arrays import Array, finite, finite_rows
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.rows.bound import ConstraintViolation
@@ -140,7 +140,7 @@ class MujocoBridge:
         for pair in self.pairs:
             x = q_[..., pair.q]
             if pair.kind == "free":
-                x = moved(self.robot.model.jointPlacements[pair.here], x)
+                x = moved_pose(self.robot.model.jointPlacements[pair.here], x)
             if pair.kind in ("free", "ball"):
                 x = reordered(x, 1)
             if pair.kind == "hinge" and x.shape[-1] == 2:
@@ -174,7 +174,7 @@ class MujocoBridge:
                 x = reordered(x, -1)
                 check_units("qpos", x[..., -4:], slice(pair.qpos.stop - 4, pair.qpos.stop))
             if pair.kind == "free":
-                x = moved(self.robot.model.jointPlacements[pair.here].inverse(), x)
+                x = moved_pose(self.robot.model.jointPlacements[pair.here].inverse(), x)
             if pair.kind == "hinge" and pair.q.stop - pair.q.start == 2:
                 x = np.concatenate((np.cos(x), np.sin(x)), axis=-1)
             q[..., pair.q] = x
@@ -369,7 +369,7 @@ def pairs_of(
     """
     known = joint_names(mj)
     there = _names_there(robot, known, names)
-    left_out = checked("without", without, known, "joint of the MuJoCo model")
+    left_out = checked_names("without", without, known, "joint of the MuJoCo model")
     spare = [n for n in known if n not in there.values() and n not in left_out]
     for name, other in there.items():
         if other not in known or other in left_out:
@@ -449,10 +449,10 @@ def carrier(mj: Any, joint: int, among: Mapping[int, int]) -> int:
     body, j = int(mj.jnt_bodyid[joint]), joint - 1
     if j >= int(mj.body_jntadr[body]):
         return j if j in among else carrier(mj, j, among)
-    return holder(mj, int(mj.body_parentid[body]), among)
+    return last_moving_joint(mj, int(mj.body_parentid[body]), among)
 
 
-def holder(mj: Any, body: int, among: Mapping[int, int]) -> int:
+def last_moving_joint(mj: Any, body: int, among: Mapping[int, int]) -> int:
     """Return the last joint that moves a body of MuJoCo, -1 if none of those given does."""
     while body:
         first, count = int(mj.body_jntadr[body]), int(mj.body_jntnum[body])
@@ -527,7 +527,7 @@ class VelocityMap:
         out[..., self._dofs] = x
         for pair in self._free:
             linear = slice(pair.dof.start, pair.dof.start + 3)
-            out[..., linear] = turned(self._orientation(q, pair), out[..., linear])
+            out[..., linear] = rotate_by_quaternion(self._orientation(q, pair), out[..., linear])
         return out
 
     def gather(self, q: Array, y: Array) -> Array:
@@ -536,7 +536,7 @@ class VelocityMap:
         for pair in self._free:
             linear = slice(pair.v.start, pair.v.start + 3)
             back = self._orientation(q, pair) * np.array([-1.0, -1.0, -1.0, 1.0])
-            x[..., linear] = turned(back, x[..., linear])
+            x[..., linear] = rotate_by_quaternion(back, x[..., linear])
         return x
 
     def turning(self, v: Array) -> Array:
@@ -562,11 +562,11 @@ def reordered(x: Array, by: int) -> Array:
     return x[..., [*range(n - 4), *np.roll(range(n - 4, n), by)]]
 
 
-def moved(M: Any, pose: Array) -> Array:
+def moved_pose(M: Any, pose: Array) -> Array:
     """Return M times a pose (x y z, quaternion x y z w)."""
     by = quaternion(M.rotation)
     # entry by entry, as all here: a product of matrices is rounded otherwise for many than for one
-    position = turned(by, pose[..., :3]) + M.translation
+    position = rotate_by_quaternion(by, pose[..., :3]) + M.translation
     return np.concatenate((position, product(by, pose[..., 3:])), axis=-1)
 
 
@@ -582,7 +582,7 @@ def product(one: Array, two: Array) -> Array:
     return np.concatenate((vector, s * t - (a * b).sum(axis=-1, keepdims=True)), axis=-1)
 
 
-def turned(quaternion: Array, x: Array) -> Array:
+def rotate_by_quaternion(quaternion: Array, x: Array) -> Array:
     """Return vectors turned by quaternions x y z w."""
     u, w = quaternion[..., :3], quaternion[..., 3:]
     twice = 2.0 * np.cross(u, x)

@@ -23,7 +23,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg import counted
+from condyn_pin._core.linalg import above_tolerance
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.rows.bound import ConstraintViolation, Terms
 from condyn_pin.dynamics.at_state import gaps
@@ -40,7 +40,7 @@ from condyn_pin.study.mujoco.bridge import (
     Pair,
     axes,
     equalities_of,
-    holder,
+    last_moving_joint,
 )
 
 # Where nothing acts and nothing moves, forces are compared with those of 1 m/s^2 or 1 rad/s^2 on
@@ -76,7 +76,7 @@ def cross_check(
         robot=robot.name,
         terms=(*found, *loops),
         causes=causes(bridge, theirs.data, q_, tolerance),
-        notes=(*notes, *_beside(bridge)),
+        notes=(*notes, *_notes_on_uncompared(bridge)),
         tolerance=float(tolerance),
     )
 
@@ -109,7 +109,7 @@ def _of_loops(
     """Return gaps and rows of each loop that both have by name, rows of the others together."""
     here = _our_loops(workspace, q, terms.J)
     there = _with_hinges(theirs.loops, workspace, here)
-    groups, notes = _paired(here, there)
+    groups, notes = _loop_pairs(here, there)
     found = []
     for name in (name for name in here if name in there):
         ours, others = here[name].violation, there[name].violation
@@ -123,12 +123,14 @@ def _of_loops(
         if open_by.size > tolerances.CLOSED:
             notes.append(f"J of {name} was not compared: it is open by {open_by}")
         else:
-            A, B = _stacked(mine, whitened), _stacked(yours, whitened)
-            found.append(TermCheck("J", max(_beyond(A, B), _beyond(B, A)), name, None, None))
+            A, B = _stacked_rows(mine, whitened), _stacked_rows(yours, whitened)
+            found.append(
+                TermCheck("J", max(_unspanned_part(A, B), _unspanned_part(B, A)), name, None, None)
+            )
     return found, notes
 
 
-def _paired(
+def _loop_pairs(
     here: Mapping[str, LoopRows], there: Mapping[str, LoopRows]
 ) -> tuple[list[tuple[str, list[LoopRows], list[LoopRows]]], list[str]]:
     """Pairs of loops to compare: each shared name alone, all others together; and notes."""
@@ -172,21 +174,21 @@ def _our_loops(workspace: Workspace, q: Array, J: Array) -> dict[str, LoopRows]:
     return found
 
 
-def _stacked(loops: Sequence[LoopRows], whitened: Array) -> Array:
+def _stacked_rows(loops: Sequence[LoopRows], whitened: Array) -> Array:
     return np.vstack([np.zeros((0, len(whitened))), *(rows.J @ whitened for rows in loops)])
 
 
-def _beyond(A: Array, B: Array) -> float:
+def _unspanned_part(A: Array, B: Array) -> float:
     """Return the largest part of a row of A that B does not span, over the largest row."""
     largest = np.linalg.norm(A, axis=1).max(initial=0.0)
     if not largest:
         return 0.0
     _, sigma, Vt = np.linalg.svd(B, full_matrices=False)
-    basis = Vt[counted(sigma)]
+    basis = Vt[above_tolerance(sigma)]
     return float(np.linalg.norm(A - A @ basis.T @ basis, axis=1).max() / largest)
 
 
-def _beside(bridge: MujocoBridge) -> Iterator[str]:
+def _notes_on_uncompared(bridge: MujocoBridge) -> Iterator[str]:
     """Notes on parts of MuJoCo's model that are not compared, a sentence each."""
     mj = bridge.model
     rubbing = [p.name for p in bridge.pairs if mj.dof_frictionloss[p.dof].any()]
@@ -246,7 +248,7 @@ class _Causes:
         self.placed = whole_data(self.model)
         pin.forwardKinematics(self.model, self.placed, q)
         among = {pair.there: pair.here for pair in self.pairs}
-        self.holders = [holder(self.mj, body, among) for body in range(self.mj.nbody)]
+        self.holders = [last_moving_joint(self.mj, body, among) for body in range(self.mj.nbody)]
         # lengths are compared with the largest one in the robot [m], of a lone body with its own
         placements = (M.translation for M in tuple(self.model.jointPlacements)[1:])
         bodies = tuple(self.model.inertias)
@@ -282,8 +284,8 @@ class _Causes:
         """Differences of armature, damping, stiffness and rest of a joint, a sentence each."""
         turns = pair.kind != "slide"
         springs = [(s.stiffness, s.reference) for s in self.robot.springs if s.joint == pair.name]
-        k, rest = _together(springs)
-        k_there, at = _together([(s, r) for j, s, r in self.had.springs if j == pair.there])
+        k, rest = _combined_spring(springs)
+        k_there, at = _combined_spring([(s, r) for j, s, r in self.had.springs if j == pair.there])
         for name, unit, ours, theirs in (
             (
                 "armature", "kg m^2" if turns else "kg",
@@ -296,7 +298,7 @@ class _Causes:
             ("stiffness", "N m/rad" if turns else "N/m", k, k_there),
         ):  # fmt: skip
             if self._differ(ours, theirs):
-                here, there = _text(_one(ours)), _text(_one(theirs))
+                here, there = _text(_common_value(ours)), _text(_common_value(theirs))
                 yield f"joint {pair.name}: {name} {here} {unit} here, {there} in MuJoCo"
         if k and k_there and abs(rest - at) > self.tolerance:
             text = f"{rest:.9g} {'rad' if turns else 'm'} here, {at:.9g} in MuJoCo"
@@ -383,13 +385,13 @@ class _Causes:
         return m, c, inertia
 
 
-def _together(springs: Sequence[tuple[float, float]]) -> tuple[float, float]:
+def _combined_spring(springs: Sequence[tuple[float, float]]) -> tuple[float, float]:
     """Return stiffness and rest of springs, as one."""
     k = sum(stiffness for stiffness, _ in springs)
     return k, sum(stiffness * rest for stiffness, rest in springs) / k if k else 0.0
 
 
-def _one(values: Any) -> Array:
+def _common_value(values: Any) -> Array:
     """The common value of equal numbers, else all of them."""
     array = np.atleast_1d(np.asarray(values, dtype=float))
     return array[:1] if np.ptp(array) == 0.0 else array
