@@ -108,8 +108,8 @@ def test_a_contact_that_pulls_is_told(contact, words):
     start = cp.Scene(ball, [contact]), [0.0, 0.0, 1.0], np.zeros(3)
     run = {"tau": lambda t, q, v: np.array([0.0, 0.0, 20.0 * t]), "duration": 1.0, "dt": 1e-2}
     assert cp.simulate(*start, **run).notices == (
-        f"origin: the contact pulls with {20.0 - G:.4g} N at t = 1 s{words}; the ground would let "
-        "go; an Event takes it off",
+        f"origin: the contact pulls with {20.0 - G:.4g} N at t = 1 s{words}; on real ground it "
+        "would open; an Event takes it off",
     )
     off = cp.Event(
         name="off", when=lambda m: m.forces["origin"].in_world()[2], scene=cp.Scene(ball)

@@ -1,4 +1,4 @@
-"""How many files a reader of one call meets, where the equations are written, and imports.
+"""How many files a reader of one call meets, where the equations are written, imports, and words.
 
 Bounds are what was reached: they go down, and only a new idea in the call itself takes one up.
 """
@@ -6,6 +6,7 @@ Bounds are what was reached: they go down, and only a new idea in the call itsel
 from __future__ import annotations
 
 import ast
+import re
 import sys
 from collections import Counter
 from collections.abc import Callable
@@ -218,3 +219,54 @@ def test_imports_stand_at_the_top():
         and (name, other) not in UPWARDS
     ]
     assert not needless, f"import these at the top: {needless}"
+
+
+# Words: a noun of the field is the subject, and verbs have objects.
+
+
+# Turns of phrase that name nothing, and what stands in their place.
+BANNED = {
+    r"\b(takes?|took|taking) part\b": "is active",
+    r"\b(lets?|letting) go\b": "opens, releases",
+    r"\b(gives?|gave|giving) way\b": "yields, is compliant",
+    r"\b(says?|said|saying) so\b": "names it, refuses, warns",
+    r"(?<!`)\basks\b(?! for)": "needs, depends on",
+    r"\bfor ever\b(?! \w)": "forever",
+    r"\bmended\b": "repaired",
+    r"\bwhoever\b": "the one who is meant",
+    r"\bReturn (the same|what|whether|who|where|how)\b": "the quantity that is returned",
+}
+
+
+def texts_of(tree: ast.Module) -> list[tuple[int, str]]:
+    """Docstrings and other texts of a file with their lines; those of names are texts too."""
+    return [
+        (node.lineno, node.value)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+    ]
+
+
+def banned_in(place: str, text: str) -> list[str]:
+    """A sentence for each banned phrase in a text, whose lines may break anywhere."""
+    words = " ".join(text.split())
+    return [
+        f"{place}: {found.group()!r} names no quantity; write {better!r}, or the field's own word"
+        for phrase, better in BANNED.items()
+        for found in re.finditer(phrase, words)
+    ]
+
+
+def test_words_name_quantities():
+    """In docstrings, in messages and on pages; rows of tables have the words of their results."""
+    found = [
+        sentence
+        for name, tree in parsed().items()
+        for line, text in texts_of(tree)
+        for sentence in banned_in(f"condyn_pin/{name}:{line}", text)
+    ]
+    for page in (HOUSE.parent / "README.md", *sorted((HOUSE.parent / "docs").glob("*.md"))):
+        lines = page.read_text("utf-8").split("\n")
+        prose = "\n".join(line for line in lines if not line.startswith("|"))
+        found += banned_in(page.relative_to(HOUSE.parent).as_posix(), prose)
+    assert not found, "\n".join(found)

@@ -158,7 +158,7 @@ def test_a_path_into_a_wall_is_refused_as_by_python():
     wanted = cp.simulate_batch(scene, *state, **about)
     found = cp.simulate_batch(scene, *state, **about, **CORE)
     assert list(found.reasons) == list(wanted.reasons)
-    assert "nothing gives way" in found.reasons[0]
+    assert "neither can move away" in found.reasons[0]
     assert_allclose(found.t, wanted.t, rtol=0, atol=1e-12)
     state = np.array([[0.0999, 0.0, 1.0]]), np.array([[1.0, 0.0, 0.0]])
     step = step_batch(scene.at(0.0999), *state, dt=DT, integrator=EXACT, **CORE)

@@ -1110,7 +1110,7 @@ def test_every_route_by_every_parameter(name, scheme, parameter):
         "inertias": True,
     }
     if not has[parameter]:
-        why = "impacts have none" if parameter == "restitution" else "do not give way"
+        why = "impacts have none" if parameter == "restitution" else "contacts are rigid"
         refused = rf"'{parameter}'.*{type(route).__name__}.*{why}"
         with pytest.raises(cp.InvalidArgument, match=refused):
             now.derivatives(route=route, wrt=[parameter])

@@ -431,7 +431,7 @@ def test_what_deserves_attention_is_told():
         (cp.DenseKKT(mu=1e-2), "accelerations may be off by .* give Dense KKT more iterations"),
         (cp.dynamics.ConjugateGradient(max_iterations=1), "accelerations may be off"),
         (cp.Proximal(mu=1e-2, max_iterations=1), "accelerations may be off"),
-        (cp.dynamics.Soft(), "Soft lets them give way; use a stiffer solref"),
+        (cp.dynamics.Soft(), "Soft has compliant constraints; use a stiffer solref"),
         (cp.dynamics.NullSpace(), ""),
         (None, ""),
     ],

@@ -238,7 +238,7 @@ def count_text(number: int, thing: str) -> str:
     return f"{number} {thing}{'s' * (number != 1)}"
 
 
-# What parameters may be, and the sentences that say so.
+# What parameters may be, and their sentences in errors.
 
 
 _MOST_REFINEMENTS = 100

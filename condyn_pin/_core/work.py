@@ -264,7 +264,7 @@ class Processes(Executor):
     start_method : {"spawn", "forkserver", "fork"}
         How a process begins. ``spawn`` starts Python anew, in about a second, and is safe
         everywhere. ``fork`` copies this process as it stands: faster, and safe only while no other
-        thread runs in it, for a lock that one holds stays locked in the copy for ever. Linear
+        thread runs in it, for a lock that one holds stays locked in the copy forever. Linear
         algebra, Dask and notebooks have such threads.
 
     Notes
@@ -296,7 +296,7 @@ class Processes(Executor):
         self.workers, self.start_method = count, start_method
         self._context = multiprocessing.get_context(start_method)
         # no Event: a pool that breaks terminates its workers, and one that is just setting an Event
-        # keeps its lock for ever, from all pools to come
+        # keeps its lock forever, from all pools to come
         self._began = self._context.RawValue("b", 0)
         self._pool = self._new()
 
@@ -412,7 +412,7 @@ class Address:
     def open(self) -> Arrays:
         """Return the arrays by name, for reading and writing.
 
-        FileNotFoundError if they are gone: whoever asked for the work no longer waits for it.
+        FileNotFoundError if they are gone: the caller no longer waits for the work.
         """
         with Path(self.path).open("r+b") as file:
             if os.fstat(file.fileno()).st_ino != self.inode:

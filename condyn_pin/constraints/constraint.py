@@ -1,4 +1,4 @@
-"""Contract of a constraint: one file for each kind, and the questions that the program asks of it.
+"""Contract of a constraint: one file for each kind, and its answers to the program.
 
     J(q) v = 0,        J a + gamma = a_ref,        c(q) = 0 where the kind has a position
 
@@ -38,8 +38,8 @@ To add a kind: one file.
 3. It registers itself in `KINDS` under its name, by which archives find it; one of the library is
    imported in `kinds.py`. With a `word` robot.toml has it too: among its loops if it `closes`,
    among its contacts if not.
-4. What it answers otherwise than its base it overrides. Nothing outside of this room asks what
-   kind it is: a question that no method answers becomes a method here, with a default.
+4. What it answers otherwise than its base it overrides. Nothing outside of this room depends on
+   its kind: a question that no method answers becomes a method here, with a default.
 """
 
 from __future__ import annotations

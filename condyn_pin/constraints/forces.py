@@ -158,7 +158,7 @@ def _numbers(name: str, force: Any) -> Array:
     """Components of a force in a read-only array."""
     try:
         shape = np.shape(force)
-    except ValueError:  # of lists that differ in length, and `finite` says so
+    except ValueError:  # of lists that differ in length, which `finite` refuses
         shape = (3,)
     if shape[-1:] not in _SHAPES or len(shape) > 2:
         raise _of_another_shape(name, shape)

@@ -47,7 +47,7 @@ def kinds_by_word(*, closes: bool) -> dict[str, type[Constraint]]:
 def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[BoundConstraint, ...]:
     """Bind constraints to a robot, rows in the order given.
 
-    Where Pinocchio takes part, every constraint is solved in the LOCAL frame with a moving joint
+    Where Pinocchio solves, every constraint is solved in the LOCAL frame with a moving joint
     first and the other body, or the world, second: the one combination in which none of its
     algorithms is wrong.
 

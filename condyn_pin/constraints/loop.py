@@ -1,6 +1,6 @@
 """Loops: a chain closed by a cut joint.
 
-A loop asks two frames, c1 and c2, to keep a part of their relative placement. With r the position
+A loop keeps a part of the relative placement of two frames, c1 and c2. With r the position
 of c2's origin in c1, R the axes of c2 in c1, and every velocity in the axes of its own frame, body
 1 moves relative to body 2, at the origin of c2, with
 

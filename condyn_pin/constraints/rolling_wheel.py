@@ -48,7 +48,7 @@ class RollingWheel(OnPlane):
     Notes
     -----
     The force is the one on the robot at the lowest point: along t, n x t and n [N]. Flat on the
-    plane a wheel has no lowest point: the rows along it vanish, and `Scene.rank` says so.
+    plane a wheel has no lowest point: the rows along it vanish, and `Scene.rank` names them.
     """
 
     frame: str

@@ -161,7 +161,7 @@ def balance(
         If an argument has a wrong size, is not finite or so large that forces overflow, nothing
         presses on a floor, or a contact does not say its size.
     UnsupportedConstraint
-        If contacts may open: `scene.closed()` has those that count, `motion_balance` asks a run.
+        If contacts may open: `scene.closed()` has those that count, `motion_balance` is for a run.
 
     Notes
     -----

@@ -211,7 +211,7 @@ class CompiledTick:
         self._size = self._parts[-1] + sum(len(bound.names) for _, bound in tasks)
 
     def solve(self, q: Array, v: Array, t: float, passive: Array) -> ControlAnswer | None:
-        """Return the answer of one tick; None where it is left to Python.
+        """Return the answer of one tick; None where Python has to answer.
 
         The swing of joints that are taken for rigid is in `v`, and left out there.
         """

@@ -297,7 +297,7 @@ class CompiledCore:
         return self._answer(self.core.differentiate, state, outputs, accuracy, forces, more)
 
     def one(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, accuracy: float) -> Solution | None:
-        """Return the solution of one state; None where it is left to Python.
+        """Return the solution of one state; None where Python has to answer.
 
         Arrays that are right already are checked in the core alone.
         """
@@ -311,7 +311,7 @@ class CompiledCore:
     def derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, accuracy: float
     ) -> CompiledDerivatives | None:
-        """Return the derivatives at one state; None where it is left to Python."""
+        """Return the derivatives at one state; None where Python has to answer."""
         out, blocks = np.empty(self._size), np.empty(self._blocks)
         try:
             clear = self._differentiate(q, v, tau, accuracy, out, blocks)

@@ -137,7 +137,7 @@ def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution
     Parameters
     ----------
     scene : Scene
-        Every constraint takes part: loops stay closed while a foot touches down.
+        Every constraint transmits the impact: loops stay closed while a foot touches down.
     q, v : (nq,), (nv,) array_like
         The configuration, and the velocity before.
     restitution : float or mapping of str to float

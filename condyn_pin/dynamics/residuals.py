@@ -164,7 +164,7 @@ class ErrorEstimator:
     def missing(self, r: Array, s: Array, v: Array, a: Array) -> float:
         """Return a bound on |e|_inf at the state of the factors, for the residuals of a there."""
         factors, P, rows = self.factors, self.cancellation, len(s)
-        with np.errstate(all="ignore"):  # what overflows is no bound, and says so
+        with np.errstate(all="ignore"):  # what overflows is no finite bound
             e, _ = factors.solve(r, s)
             e_M = float(np.linalg.norm(factors.L.T @ e))
             lost = self.rounding + (_EPS * float(factors.S[0]) / self.sigma if rows else 0.0)

@@ -54,7 +54,7 @@ class Scene:
         if you put them there, ``Scene(robot, robot.loops)``. Pinocchio's own constraints become
         these, as in `from_pinocchio`.
     contacts : sequence of FrictionalContact, JointLimit or JointFriction
-        What may let go or slide. Rows, rank, states and assembly do not include them.
+        Contacts that may open or slide. Rows, rank, states and assembly do not include them.
 
     Raises
     ------
@@ -214,7 +214,7 @@ class Scene:
         return scene_at(placed, self)
 
     def closed(self, modes: Mapping[str, Mode] | None = None) -> Scene:
-        """Return the scene with its contacts as constraints, which never let go.
+        """Return the scene with its contacts as constraints, which never open.
 
         Points that stick are `PointContact`, balls `RollingBall`, and what slides `PlanarContact`,
         all where they are.
@@ -286,7 +286,7 @@ class Scene:
         NotAssembled
             If the loops cannot be closed from there; the text says which one is open, and how far.
         InvalidArgument
-            If `on_ground` is True and the contacts are constraints, which never let go, or
+            If `on_ground` is True and the contacts are constraints, which never open, or
             constraints tie the base to a place.
         """
         if on_ground not in (None, True, False):
@@ -461,7 +461,7 @@ def check_scene(scene: object, argument: str = "scene") -> None:
 
 
 def check_bilateral(scene: Scene) -> None:
-    """Refuse contacts that may let go where forces are solved for that never do."""
+    """Refuse contacts that may open where forces are solved for contacts that never do."""
     if scene.contacts:
         count = sum(len(bound.candidates) for bound in scene.contact_bounds)
         raise UnsupportedConstraint(
@@ -501,7 +501,7 @@ def check_at_all_times(scene: Scene, why: str) -> None:
 
 
 def check_not_driven(scene: Scene, what: str) -> None:
-    """Refuse driven constraints for `what` asks for J v = 0."""
+    """Refuse driven constraints where `what` needs J v = 0."""
     if moving := [b.name for b in scene.bounds if b.drive]:
         raise UnsupportedConstraint(
             f"{', '.join(moving)}: driven along a path, J v = s'(t), and {what} takes J v = 0; "

@@ -643,7 +643,7 @@ def shared_text(shared: SharedNormals, pull: str) -> str:
     """Sentence on contacts that cannot all press, however they share the load."""
     return (
         f"{', '.join(shared.names)}: one of them pulls with {pull} or more, however they share "
-        "the load; the ground would let go"
+        "the load; on real ground it would open"
     )
 
 
@@ -667,7 +667,7 @@ def upward(scene: Scene) -> Array:
 def pull_text(constraint: Constraint, pull: str) -> str:
     """Return the sentence on a contact that pulls, with how much."""
     words = "" if constraint.has_normal else " (the vertical is its normal)"
-    return f"{constraint.name}: the contact pulls with {pull}{words}; the ground would let go"
+    return f"{constraint.name}: the contact pulls with {pull}{words}; on real ground it would open"
 
 
 def _force(sites: Sites, i: int, lam: Array) -> ConstraintForce:

@@ -15,8 +15,8 @@ g = dl/dq,
     M += a g g^T,    tau -= g (k (l - l0) + d l'),    |tau_i| <= |g_i| f.
 
 Over one joint, all of it is the joint's own. Over several, it couples them as no tree does, and
-`lost` says so; an actuator there is a CoupledMotor of the weights g. A tendon that is straight from
-site to site is a SpringDamper.
+`lost` names them; an actuator there is a CoupledMotor of the weights g. A tendon that is straight
+from site to site is a SpringDamper.
 """
 
 from __future__ import annotations

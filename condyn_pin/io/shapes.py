@@ -3,7 +3,7 @@
 The <visual> or <collision> elements of a URDF or an SDF, the geoms of an MJCF.
 
 The physics of a file is read, and checked, by its own reader. Here nothing is refused: a shape that
-cannot be read is left out, and a sentence says so.
+cannot be read is left out, and a sentence names it.
 """
 
 from __future__ import annotations

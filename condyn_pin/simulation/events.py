@@ -581,7 +581,7 @@ class Watch:
         """Remember the values after an event, which left one scene for another.
 
         Those that fell to zero with it are still to happen, and those that brought the scene may
-        happen again: what lets go of the ground is above it, whatever rounding says.
+        happen again: a body that leaves the ground is above it, whatever rounding says.
         """
         stays = event.scene is None or event.scene is left
         if stays and event.at is None:  # a time does not come again

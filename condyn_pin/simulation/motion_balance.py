@@ -35,7 +35,7 @@ from condyn_pin.simulation.trajectory import Trajectory
 class MotionBalance:
     """Centre of mass, centre of pressure and capture point along a motion, in world axes.
 
-    A contact that may let go counts while it sticks or slides, and so does one next to it that is
+    A contact that may open counts while it sticks or slides, and so does one next to it that is
     on its plane without a force: which corners of a flat foot carry the load is not determined, and
     all are edges of the support. A contact on another body of the robot does not count. Quantities
     that are not defined at a sample are NaN: in flight, and if the contacts do not lie in one

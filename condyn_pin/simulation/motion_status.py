@@ -126,7 +126,7 @@ def left_open(course: Course) -> str:
 def opening_cure(solver: Solver) -> str:
     """Advice on how to keep constraints closed."""
     if not solver.exact:
-        return f"{solver.title} lets them give way; use a stiffer solref"
+        return f"{solver.title} has compliant constraints; use a stiffer solref"
     return "use a smaller dt, a higher order, or another drift scheme"
 
 
@@ -258,7 +258,7 @@ def energy_cure(course: Course) -> str:
 def unexplained_energy(course: Course) -> Array:
     """Energy that appeared or vanished without work since the loops were closed (k,) [J].
 
-    Less what the quadrature of work over the samples may be off by. Constraints that give way, or
+    Less what the quadrature of work over the samples may be off by. Compliant constraints, or
     that close an open start, do work: it is zero while they do.
     """
     error, doubt = course.energy.error, course.energy.doubt

@@ -46,17 +46,17 @@ class MotionLimits:
     ----------
     violation : float, optional
         Gap of a constraint [m, rad]. By default the size above; no limit where `solver` lets
-        constraints give way. Twice the gap of a start that ``close_start=False`` left open is
+        constraints are compliant. Twice the gap of a start that ``close_start=False`` left open is
         always within it.
     constraint_velocity : float, optional
         abs(J v) [m/s, rad/s]. By default 1 % of the largest velocity, or of 1 rad/s, and 2 dt gamma
         more, for schemes with contacts are tangent in the middle of a step; from where an open
-        start is closed, and not where constraints give way.
+        start is closed, and not where constraints are compliant.
     penetration : float, optional
         Depth of a contact [m], and how far a joint passes a stop of the scene [rad, m], beyond the
         depth at the start. By default the size above, 1 mm or mrad at least, and dt times the
-        fastest rate of the gap more by schemes that push nothing out; no limit where contacts give
-        way, as in `SoftStep`.
+        fastest rate of the gap more by schemes that push nothing out; no limit where contacts
+        are compliant, as in `SoftStep`.
     energy : float
         Energy that appeared or vanished without work, as a share of the largest exchange [1].
         What gravity and torques exchange in one step is within it by schemes of order 1.

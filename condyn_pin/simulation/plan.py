@@ -161,7 +161,7 @@ def _check_drift(integrator: Integrator, drift: Drift, dt: float) -> None:
 
 
 def default_integrator(scene: Scene, events: Sequence[Event]) -> Integrator:
-    """Return the default integrator: contacts that may let go take one of their own."""
+    """Return the default integrator: contacts that may open take one of their own."""
     scenes = _scenes(scene, events)
     return StewartTrinkle() if any(each.contacts for each in scenes) else RungeKutta4()
 

@@ -111,7 +111,7 @@ def simulate(
         (t, q, v) -> the derivatives of the function tau by q and by v, (nv, nv) each, for the
         integrators that are implicit (`Integrator.takes_jacobian`): stiff springs and dampers in it
         need no small dt then. Without it the fully implicit ones take differences where they need
-        them, for 2 nv + 1 calls of tau a step, and `notices` says so. What `forces` do is added.
+        them, for 2 nv + 1 calls of tau a step, and `notices` names them. What `forces` do is added.
     duration : float
         Length of the motion [s].
     dt : float
@@ -149,7 +149,7 @@ def simulate(
     Returns
     -------
     Trajectory
-        Also of a run that broke down: its `status` and `reason` say so, and its samples go to the
+        Also of a run that broke down: its `status` and `reason` tell, and its samples go to the
         last state that could be solved. They say too where loops came open, bodies penetrated, or
         energy appeared or vanished without work, by more than `limits`.
 
@@ -506,7 +506,7 @@ class HybridSimulator:
         self._places = {c: self._places[c] for c in self._asked.constraints if c in self._places}
         met = event.met or event.scene
         assert met is not None
-        # contacts that may open take part in the steps, and not in the impact of an event
+        # contacts that may open act in the steps, and not in the impact of an event
         held, met = before.bilateral, self._placed(met).bilateral
         held, met = held.at(self.t), met.at(self.t)
         change = switch(held, met, self.q, self.v, restitution=event.restitution)
@@ -529,7 +529,7 @@ class HybridSimulator:
         self._watch.after_event(event, left, self._look(self.t, self.q, self.v), self._asked)
 
     def _placed(self, scene: Scene) -> Scene:
-        """Return a scene as it takes part: its contacts with their places, effects off or on."""
+        """Return a scene as the run has it: its contacts with their places, effects off or on."""
         return with_anchors(self.plan.effects.applied_to(scene), self.q, self._places)
 
 

@@ -376,7 +376,8 @@ class CorrectedStepper:
 # limit: 1 for damping and 2 for the square of a frequency in `LinearlyImplicitMidpoint`.
 _STIFF: Final = 0.5
 
-# Corrections of a where a solver gives way, and P is not its own: each leaves a share of the last.
+# Corrections of a where a solver is compliant, and P is not its own: each leaves a share of the
+# last.
 _CORRECTIONS: Final = 20
 _LEFT: Final = 1e-6
 
@@ -586,6 +587,6 @@ def blocked_path_error(contacts: str, t: float, depth: float = 0.0) -> StepFaile
     """Return the error of contacts that driven rows press into each other at t, a `depth` [m]."""
     by = f"{depth:.2g} m or rad " if depth else ""
     return StepFailed(
-        f"{contacts} at t = {t:g} s: driven rows move it {by}into what it touches, and nothing "
-        "gives way; end the path before"
+        f"{contacts} at t = {t:g} s: driven rows move it {by}into what it touches, and neither "
+        "can move away; end the path before"
     )

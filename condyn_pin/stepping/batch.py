@@ -80,7 +80,7 @@ def step_batch(
     Returns
     -------
     BatchStep
-        To the bit what `step` returns, whoever did the work: every step begins cold. By the
+        To the bit what `step` returns, in any process: every step begins cold. By the
         compiled core to rounding; where contacts slide it ends at rounding, and `ADMM` at 1e-8.
         Steps that are not ok raise nothing: ``failed`` has their indices, ``counts`` their number.
 
@@ -360,7 +360,7 @@ def _method(solver: ContactSolver) -> _Method:
 class _StepPlan(NamedTuple):
     """Tolerances of a step behind dt and its `_Method`, as the ``StepPlan`` of the core."""
 
-    near: float  # gap of a contact that takes part [m]
+    near: float  # gap of an active contact [m]
     pushed_out: float  # share of a penetration that a step removes [1]
     pushes: float  # its largest speed [m/s, rad/s]
     at_rest: float  # penetration that stays [m, rad]

@@ -173,7 +173,7 @@ class ContactSteps:
             raise StepFailed(fault)
 
     def check_path(self, t: float, q1: Array) -> None:
-        """Refuse paths that press bodies into each other in the last step: nothing gives way."""
+        """Refuse paths that press bodies into each other in the last step: all bodies are rigid."""
         posed = self.last.posed
         stuck = posed.near.G.diagonal()[posed.chosen.normals] == 0.0
         if not stuck.any():
@@ -226,7 +226,7 @@ class ContactSteps:
         if q1 is not moved:
             work = work.more(correction=self.closings.work(moved, q1, turned))
         if not isfinite(q1.dot(q1).item() + v1.dot(v1).item() + work.total):
-            natural = nan  # also where no contact takes part
+            natural = nan  # also where no contact is active
         self.last = AcceptedStep(
             posed=posed,
             v=v1,
@@ -396,7 +396,7 @@ class ContactSteps:
     ) -> StepProblem:
         """Return the step from a state with its contact problem, not yet solved.
 
-        The gaps that take part are those that are near, or those that are `active`.
+        The gaps in the problem are those that are near, or those that are `active`.
         """
         scheme, system, floating, dt = self._scheme, self._system, self.floating, self._dt
         at, looks_at = q, self.looks_at(t)
@@ -563,7 +563,7 @@ class ContactSteps:
         )  # fmt: skip
 
     def _choose(self, near: NDArray[np.bool_]) -> ActiveCandidates:
-        """Return the candidates that take part; most often they are those of the step before."""
+        """Return the active candidates; most often they are those of the step before."""
         key = near.tobytes()
         if self._chosen is None or self._chosen[0] != key:
             dry = np.ones(self._candidates.intervals, dtype=bool)
@@ -601,7 +601,7 @@ def contact_stepper(scheme: ContactScheme, system: System, dt: float) -> Stepper
 # Newton's steps that close loops behind a step, at most: a few, and more beside a dead point.
 _CLOSINGS = 10
 
-# A gap that is left to rounding [m, rad].
+# A gap that counts as rounding [m, rad].
 CLOSED = 1e-13
 
 # Gaps that the factors of the step still close, each time up to a share dt |v| [m, rad].

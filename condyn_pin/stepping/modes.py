@@ -440,7 +440,7 @@ def _limits(
 
 
 def let_go(candidates: Candidates, shares: LoadSharing) -> ModeDynamics:
-    """Return the modes in which what has come to its end lets go, or slips."""
+    """Return the modes in which contacts at the end of theirs open, or slip."""
     dynamics, lam = shares.dynamics, shares.held.lam
     k, lines, first = (
         candidates.cones,
@@ -464,7 +464,7 @@ def let_go(candidates: Candidates, shares: LoadSharing) -> ModeDynamics:
 # Margins: how far contacts are from the next event.
 #
 #     open     gap                         then it touches
-#     closed   lam_n                       lets go
+#     closed   lam_n                       opens
 #     stick    mu lam_n - |lam_t|          slips
 #     slide    sigma_t . s                 stands still
 #

@@ -248,7 +248,7 @@ class StepSolution:
             f"natural residual {self.contact.natural:.1e}; "
             f"{self.contact.iterations} iterations of {', '.join(self.contact.path)}"
             if self.contact.path
-            else "no contact takes part",
+            else "no contact is active",
             f"dynamics    {self.dynamics_error:.1e} N s",
             f"constraints {self.constraint_error:.1e} m/s, {self.violation:.1e} m",
             f"penetration {self.penetration:.1e} m",
@@ -307,7 +307,7 @@ class ProvedSteps:
         """Return the step from a state as it was posed."""
         self._hold(tau, forces)
         with np.errstate(all="ignore"):
-            self._steps.attempt(self._t, q, v)  # an answer shows which contacts take part
+            self._steps.attempt(self._t, q, v)  # an answer shows which contacts are active
         return self._steps.last.posed
 
     @one_blas_thread
@@ -494,7 +494,7 @@ def step(
     Parameters
     ----------
     scene : Scene
-        Its constraints never let go; its `contacts` may. With driven constraints ``scene.at(t)``
+        Its constraints never open; its `contacts` may. With driven constraints ``scene.at(t)``
         says when the step begins, and J_b v+ = s' - dt (gamma - s'') / 2.
     q, v : (nq,), (nv,) array_like
         A state; loops are taken as closed.
@@ -583,7 +583,7 @@ def contact_problem(
     Returns
     -------
     ContactProblem
-        In the rows of the contacts that take part: those that are near, and those that the step
+        In the rows of the active contacts: those that are near, and those that the step
         would close.
 
     Raises

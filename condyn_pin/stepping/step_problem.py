@@ -57,7 +57,7 @@ class StepProblem(NamedTuple):
     path: (
         Array | None
     )  # (nv,), the velocity along which contacts are taken to its end; None: at `at`
-    J_c: Array  # (m, nv), of those that take part, where they are taken
+    J_c: Array  # (m, nv), of the active ones, where they are taken
     J_n: Array  # (k, nv), the rates of their gaps at `at`
     chosen: ActiveCandidates
     condensed: Condensed
@@ -89,11 +89,11 @@ class Kept(NamedTuple):
     first: StepProblem  # as they were there
 
 
-# Chosen: the contacts that take part in a step.
+# Chosen: the active contacts of a step.
 
 
 class ActiveCandidates:
-    """Candidates that take part in a step, with their data for a contact problem."""
+    """Active candidates of a step, with their data for a contact problem."""
 
     def __init__(self, candidates: Candidates, active: NDArray[np.bool_], dt: float) -> None:
         cones = candidates.cones
@@ -260,7 +260,7 @@ class EndsOfPaths:
     def takes_part(
         self, posed: StepProblem, there: EndOfStep, near: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Flags of gaps that take part: those before, those that close, and pairs as they meet.
+        """Flags of active gaps: those before, those that close, and pairs as they meet.
 
         `near` says which are near at the end.
         """
@@ -310,9 +310,9 @@ class CurvatureCorrection:
     def bends(
         self, q: Array, v: Array, gaps: Array, speeds: Array, chosen: ActiveCandidates
     ) -> tuple[Array, Array | None]:
-        """Return s of the cones and half-lines that take part (k,) [m], and q (+) dt v.
+        """Return s of the active cones and half-lines (k,) [m], and q (+) dt v.
 
-        That is None where nothing that takes part is over a plane.
+        That is None where nothing active is over a plane.
 
         Parameters
         ----------
@@ -358,7 +358,7 @@ class CurvatureCorrection:
 def step_work(scheme: ContactScheme, posed: StepProblem, lam: Array, v1: Array) -> ContactWork:
     """Work of impulses lam (m,) in a step to v+ (nv,) [J].
 
-    Contacts that give way do work of either sign, as springs: all of it is `contact`.
+    Compliant contacts do work of either sign, as springs: all of it is `contact`.
     """
     if not len(lam):
         return NO_WORK

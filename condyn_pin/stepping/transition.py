@@ -274,7 +274,7 @@ class NextModes:
         return struck
 
     def _check_path(self, terms: ContactTerms) -> None:
-        """Refuse paths that press bodies into each other, where nothing gives way."""
+        """Refuse paths that press bodies into each other, where all bodies are rigid."""
         rows = np.asarray(self._candidates.normals)[terms.approaches]
         now = terms.struck(rows)
         stuck = (now.G.diagonal() == 0.0) & (now.contact_velocities < 0.0)

@@ -389,7 +389,7 @@ def by_hand(scene: Scene, mu: float = 0.0) -> dict[str, Answer]:
     """Return hand-written solutions for a (nv,) by method name, each called with (q, v, tau).
 
     Damping mu [1/kg] is needed where rows are redundant. Constraints that Pinocchio lacks, and
-    welds of two bodies, have no such solution: whoever writes these by hand has written a library.
+    welds of two bodies, have no such solution: writing these by hand means writing a library.
     """
     rows = PinocchioRows(scene.robot.model, scene.robot.model.createData(), scene.bounds)
     if not (scene.rows and rows.have_gamma):

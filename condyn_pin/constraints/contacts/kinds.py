@@ -1,4 +1,4 @@
-"""All kinds of contacts that may let go, and how those of a scene are bound to a robot."""
+"""All kinds of contacts that may open, and how those of a scene are bound to a robot."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def bind_contacts(
         if not isinstance(contact, Contact):
             raise InvalidConstraint(
                 f"{contact!r}: a FrictionalContact, a JointLimit or a JointFriction is needed; "
-                "what never lets go belongs into the constraints"
+                "what never opens belongs into the constraints"
             )
         made = contact.bind(robot)
         for name in dict.fromkeys((made.name, *made.candidates)):
@@ -63,7 +63,7 @@ def held_contacts(
     return tuple(constraint for contact in contacts for constraint in contact.held(modes))
 
 
-# The feet of a robot as contacts that may let go.
+# The feet of a robot as contacts that may open.
 
 
 def feet_of(

@@ -1,8 +1,8 @@
-"""Constraint bound to a model, and the questions that the program asks of it.
+"""Constraint bound to a model, and its answers to the program.
 
 Names are replaced by joints, placements and rows.
 
-The rest of the program asks it what every `BoundConstraint` answers. Its own fields, and those of
+The rest of the program calls the methods of `BoundConstraint`. Its own fields, and those of
 `BoundCoupling`, `BoundRolling` and `BoundRelation`, are for the groups that evaluate them together.
 """
 
@@ -79,7 +79,7 @@ def placement(M: Any) -> list[float]:
     return [*M.rotation.ravel(), *M.translation]
 
 
-# The contract of a bound constraint: what the rest of the program asks it.
+# The contract of a bound constraint: its answers to the rest of the program.
 #
 # `condyn_pin.constraints.constraint` says how a kind is made. Rows are evaluated in groups, not one
 # by one: that stays inside of this room (`condyn_pin.constraints.rows.groups`).

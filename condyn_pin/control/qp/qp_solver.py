@@ -9,7 +9,7 @@
    memory and a start from one call to the next, where the sizes are the same.
 4. It is called by `start()`, which lets through programs whose bounds leave a value to each row.
    Bounds that do not exist are infinite. z has the signs of `QuadraticProgram`. Rows of A are
-   independent when a chain asks.
+   independent in the programs of a chain.
 5. Nothing is believed: an answer is polished on its active set and judged by its KKT residual, and
    "infeasible" is asked again elsewhere (`condyn_pin.control.qp.chain`). Rough answers are welcome.
 6. A solver that can answer more roughly, where it says "infeasible" by mistake, returns itself with
@@ -315,11 +315,11 @@ def _lapack() -> tuple[Any, Any]:
 #
 # The active rows are taken as equations, and the optimum that they leave is found exactly
 # (`saddle`). Rows that are then violated become active, and those whose multiplier has the wrong
-# sign are let go: the primal-dual active-set method, a semismooth Newton method on
+# sign are released: the primal-dual active-set method, a semismooth Newton method on
 # `QuadraticProgram.kkt_residual`. Where rows depend on each other, multipliers stay near those that
 # the rough answer has, and so do their signs.
 #
-# It has ended where the active set stays as it is. A small residual alone does not say so: what
+# It has ended where the active set stays as it is. A small residual alone does not prove it: what
 # only the regularisation decides is wrong by the residual over that, which is 1e-5 where tasks have
 # 1e4.
 #
@@ -345,7 +345,7 @@ class Polished(NamedTuple):
         Their numbers.
     residual : float
     settled : bool
-        Whether no row would become active or be let go.
+        Whether no row would become active or be released.
     """
 
     x: Array

@@ -15,7 +15,7 @@ A task is a row, or several, of what a controller minimises:
 4. `rows` is called in every control tick. It reads `motion`, and writes to nothing that is not its
    own; the arrays that it returns are not written to.
 5. A weight of infinity makes the rows equations, which nothing is weighed against.
-6. A task that the compiled core has too says so by `compiled`; one that leaves it out is done in
+6. A task that the compiled core has too sets `compiled`; one that leaves it out is done in
    Python. Either way `tests/test_control.py` and `tests/test_native_control.py` need an example.
 """
 

@@ -1,4 +1,4 @@
-"""Derivatives of constraints that give way: those of `Soft`.
+"""Derivatives of compliant constraints: those of `Soft`.
 
     r = M a + h - tau - J^T lam = 0,    s = J a + gamma + b J v + k c + R lam = 0,
 
@@ -104,8 +104,8 @@ class SoftDerivatives(Derivatives):
     def by_inertias(self) -> tuple[Array, Array]:
         """Return the derivatives of a and lam by the inertial parameters of the bodies.
 
-        Ten columns a joint, as `KktDerivatives.by_inertias`; R has its part, for what bodies give
-        way to goes with what they weigh.
+        Ten columns a joint, as `KktDerivatives.by_inertias`; R is among them: compliances change
+        with the inertias of the bodies.
         """
         model, of = self._workspace.model, self.solution
         r = inertia_regressor(model, of.q, self._v, of.a)

@@ -335,7 +335,7 @@ def slope(function: Callable[[Array], Array], direction: Array) -> Array:
     return np.asarray(np.tensordot(_WEIGHTS, changes, 1) / _H)
 
 
-# How w, what bodies and joints give way to in `Soft`, changes with what bodies weigh.
+# How w, the compliance of bodies and joints in `Soft`, changes with what bodies weigh.
 #
 #     w = J_i M^-1 J_i^T,    y = M^-1 J_i^T,    w_pi = -y . (M y)_pi,    (M y)_pi = Y(q, 0, y)
 #

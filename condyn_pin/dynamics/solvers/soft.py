@@ -1,4 +1,4 @@
-"""Soft: MuJoCo's constraints, that give way."""
+"""Soft: MuJoCo's compliant constraints."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.model.soundness import massless_motion
 
-# How MuJoCo's rows give way: their impedance, and the acceleration that closes a gap.
+# Compliance of MuJoCo's rows: their impedance, and the acceleration that closes a gap.
 
 
 SolRef = tuple[float, float]
@@ -105,7 +105,7 @@ def check_softness(solref: SolRef, solimp: SolImp) -> tuple[SolRef, SolImp]:
     return (one, two), (start, end, width, midpoint, power)
 
 
-# Soft: MuJoCo's constraints, that give way.
+# Soft: MuJoCo's compliant constraints.
 
 
 # Compliance in decades: 1 - d from 0.1 to 1e-12, the same at every gap.
@@ -151,9 +151,9 @@ class Soft(Solver):
     by `solref` too (`SoftDerivatives.by_solref`). Redundant rows share the load. Bodies that are
     fixed to one another weigh as the one that they are here and in what `Robot.to_mjcf` writes;
     MuJoCo weighs each one of an MJCF by itself. A body that only slides, along its principal axes,
-    on what is fixed and with nothing on it, gives way in MuJoCo as if it were free: by 1 / mass,
-    not the mean over three axes, so that w of its rows is up to three times larger there, and a
-    differs by a few per cent. A weld that is open turns back as its own rows say, which are
+    on what is fixed and with nothing on it, is as compliant in MuJoCo as if it were free: by 1 /
+    mass, not the mean over three axes, so that w of its rows is up to three times larger there, and
+    a differs by a few per cent. A weld that is open turns back as its own rows say, which are
     MuJoCo's where it is closed. gamma is part of it as in MuJoCo 4; MuJoCo 3.3 leaves it out.
 
     References
@@ -165,7 +165,7 @@ class Soft(Solver):
 
     title: ClassVar[str] = "Soft"
     cost: ClassVar[str] = "O(n^3 + n^2 m + m^3)"
-    use: ClassVar[str] = "to see what MuJoCo sees; not the hard answer, and says so"
+    use: ClassVar[str] = "to see what MuJoCo sees; not the hard answer"
     takes_redundant: ClassVar[bool] = True
     exact: ClassVar[bool] = False
     sweeps: ClassVar[tuple[Grid, ...]] = ({"solimp": _STIFFER},)
@@ -222,7 +222,7 @@ class Soft(Solver):
     def differentiated(
         self, workspace: Workspace, solution: Solution, v: Array, tau: Array
     ) -> Derivatives:
-        """Return derivatives of its `solution`, of constraints that give way, at v and tau."""
+        """Return derivatives of its `solution`, of compliant constraints, at v and tau."""
         from condyn_pin.dynamics.derivatives.soft import SoftDerivatives  # a solve needs none of it
 
         w = workspace.bound.yields
@@ -237,7 +237,7 @@ class Soft(Solver):
 def inverse_inertias(workspace: Workspace) -> Array:
     """Return w (m,): what MuJoCo takes for the diagonal of J M^-1 J^T [1/kg, 1/(kg m^2)].
 
-    For a row between two bodies the sum of what each gives way to a force at its centre of mass,
+    For a row between two bodies the sum of how far a force at its centre of mass moves each,
     or to a moment, the mean over three axes; for a coupling, of what each joint does.
     """
     # imported here: other solvers need no MJCF

@@ -76,7 +76,7 @@ class BoundSolver:
     iterations : callable
         Returns how many iterations the last acceleration took.
     yields : (m,) array, optional
-        Of rows that give way: what a unit of force moves [1/kg, 1/(kg m^2)].
+        Of compliant rows: what a unit of force moves [1/kg, 1/(kg m^2)].
     exact : BoundSolver, optional
         The method of `solve`, if hot loops have rows that differ from the scene's where it is open.
     open_rows : OpenRows, optional

@@ -18,8 +18,9 @@ from condyn_pin.gradients.routes.step_derivatives import ContactLaw
 from condyn_pin.simulation.integrators.contact_scheme import BiasPartials, ContactScheme, Near
 from condyn_pin.stepping.schemes.moreau import Moreau
 
-# How far above the floor contacts of `Moreau` take part, in kappa g dt^2. What rests on one contact
-# hovers at one of these, on n of them at n; at a hundred a contact has 1 % of the weight to push.
+# How far above the floor contacts of `Moreau` are active, in kappa g dt^2. What rests on one
+# contact hovers at one of these, on n of them at n; at a hundred a contact has 1 % of the weight to
+# push.
 _HOVERS: Final = 100.0
 
 _G: Final = 9.81  # [m/s^2]
@@ -39,7 +40,7 @@ class _InteriorMoreau(Moreau):
         return np.asarray(super().near(gaps - self.reach * dt * dt, v, dt))
 
     def bias(self, near: Near) -> tuple[Array, Array | None]:
-        """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
+        """Return g (m,) [m/s] of contacts that are `near`; they are rigid."""
         g, _ = super().bias(near)
         g[near.normals] += np.maximum(near.gaps, 0.0) / near.dt
         return g, None
@@ -78,8 +79,8 @@ class Kappa(LawRoute):
     result are its own end. The smooth law has no modes and no kinks. A kink of the scheme remains:
     `StewartTrinkle` closes a gap in one step and pushes a penetration out in five, so that at a gap
     of zero derivatives hold on one side, and `one_sided` is set. What rests is
-    kappa g dt^2 above the floor; `Moreau`, whose contacts take part at a gap of zero, has them take
-    part up to a hundred times that, and sigma_n is gap / dt more.
+    kappa g dt^2 above the floor; `Moreau`, whose contacts become active at a gap of zero, has them
+    active up to a hundred times that, and sigma_n is gap / dt more.
 
     References
     ----------

@@ -245,7 +245,7 @@ class LinearizedStep:
         return self.columns.of_cones("friction", posed.chosen.cones)
 
     def restitution(self, posed: StepProblem) -> slice | Indices:
-        """Return the columns of the restitution of the cones that take part."""
+        """Return the columns of the restitution of the active cones."""
         return self.columns.of_cones("restitution", posed.chosen.cones)
 
 
@@ -262,7 +262,7 @@ def _notes(posed: StepProblem, several: Sequence[Indeterminacy]) -> Iterator[Not
     if (pressed := posed.near.pressed).any():
         yield _note(
             "pushes", posed, pressed,
-            "pushes give way to each other here: by q, slopes are those of each push alone",
+            "opposing pushes limit each other here: by q, slopes are those of each push alone",
         )  # fmt: skip
 
 

@@ -255,7 +255,7 @@ _OPENINGS: Final = 40
 
 
 class HeldSteps(ContactSteps):
-    """Steps in which some contacts take part, wherever they are: in a flow, or in an impact.
+    """Steps with some contacts active, wherever they are: in a flow, or in an impact.
 
     What is at rest in a flow does not rebound.
     """
@@ -336,7 +336,7 @@ class Landings:
         whole = Cut(done, self._dt - done, held, -1)
         if self._cuts >= _CUTS:
             return whole._replace(held=touches)
-        # what goes out and does not get there takes part: it may not go in again
+        # what goes out and does not get there stays active: it may not go in again
         leaves = np.flatnonzero(touches & ~held).tolist()
         inside = [i for i in leaves if self._opened(whole, t, q, v, i) is None]
         if inside:

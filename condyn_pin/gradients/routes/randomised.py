@@ -33,7 +33,7 @@ class Randomised(Route):
     D = E[y(x + sigma e) e^T] / sigma,    e normal,    y the end of the step
 
     The expectation is that of pairs x + sigma e and x - sigma e. Their differences are fitted by
-    the plane that leaves the least, as the covariance of the e that were drawn asks: where the step
+    the plane that leaves the least, weighted by the covariance of the drawn e: where the step
     is linear the noise of the samples is none. q, v and tau are varied one after the other, and
     then the parameters that `wrt` names.
 

@@ -52,7 +52,7 @@ ROUTES: dict[str, type[Route]] = {}
 # Why a step may have no derivatives by a parameter.
 _WHY_NOT: Final = {
     "restitution": "for its impacts have none: those of Moreau() do",
-    "solref": "for its contacts do not give way: those of SoftStep() and of Softened() do",
+    "solref": "for its contacts are rigid: those of SoftStep() and of Softened() are compliant",
 }
 
 

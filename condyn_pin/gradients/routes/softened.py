@@ -1,4 +1,4 @@
-"""Softened: the derivatives of contacts that give way."""
+"""Softened: the derivatives of compliant contacts."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ class Softened(LawRoute):
         object.__setattr__(self, "solimp", solimp)
 
     def scheme(self, scheme: ContactScheme) -> ContactScheme:
-        """Return the scheme itself if its contacts give way, else the soft one."""
+        """Return the scheme itself if its contacts are compliant, else the soft one."""
         soft = SoftStep(solref=self.solref, solimp=self.solimp)
         return scheme if isinstance(scheme, SoftStep) else soft
 

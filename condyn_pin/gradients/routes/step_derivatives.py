@@ -106,7 +106,7 @@ class StepDerivatives(StepJacobian):
         inertias if they were asked for.
     notes : tuple of Note
         Reasons for derivatives by a rule, or of one side: Coulomb's law does not determine
-        velocities, contacts share an impact in several ways, or pushes give way to each other.
+        velocities, contacts share an impact in several ways, or opposing pushes limit each other.
     """
 
     q: Array
@@ -193,7 +193,7 @@ def modes_of(steps: LinearizedStep, ended: Ended) -> dict[str, str]:
 
 
 def _modes_of(problem: ContactProblem, law: ContactLaw) -> list[int]:
-    """Return the modes of the contacts that take part."""
+    """Return the modes of the active contacts."""
     found = law.modes
     if found is None:
         found = contact_modes(problem, law.lam, 100 * tolerances.CONTACT_POLISHED)
@@ -201,11 +201,11 @@ def _modes_of(problem: ContactProblem, law: ContactLaw) -> list[int]:
 
 
 def _is_at_a_kink(steps: LinearizedStep, posed: StepProblem) -> bool:
-    """True if a gap is at the threshold of push-out, or at that of taking part.
+    """True if a gap is at the threshold of push-out, or at that of becoming active.
 
     Between a gap of zero and a penetration of a nanometre nothing is pushed out, deeper a fifth of
     it, and no gap closes further than to zero: kinks of a scheme, whatever the law of a route.
-    Where contacts take part from a gap of zero on, a step jumps there.
+    Where contacts become active at a gap of zero, a step jumps there.
     """
     gaps = posed.near.gaps if steps.scheme.closes_gaps else posed.gaps
     off = np.maximum(gaps, -AT_REST - gaps) if steps.scheme.closes_gaps else np.abs(gaps)
@@ -274,8 +274,8 @@ class Columns:
 #
 #     by_sigma dsigma + by_lam dlam + by_friction dmu + by_size dsize = 0
 #
-# One such row for each of the problem: with sigma = G lam + g it is what a change of g, G and mu
-# asks of lam.
+# One such row for each of the problem: with sigma = G lam + g it is the change of lam
+# by that of g, G and mu.
 
 
 # Singular values of a law that redundant contacts leave, relative to the largest.
@@ -309,7 +309,7 @@ class ContactLaw(NamedTuple):
     modes: Modes | None = None
 
     def giving_way(self, problem: ContactProblem) -> ContactLaw:
-        """Return the law of contacts that give way alike, a little: of an answer chosen by that."""
+        """Return the law of slightly compliant contacts, all alike: of an answer chosen by that."""
         if self.modes is None:
             return self
         R = COMPLIANCE * compliance(problem)

@@ -78,7 +78,7 @@ def solve_batch(
     Returns
     -------
     BatchSolution
-        To the bit what `solve` returns, whoever did the work. States that are not ok raise
+        To the bit what `solve` returns, in any process. States that are not ok raise
         nothing: ``failed`` has their indices, ``counts`` their number.
 
     Raises

@@ -129,7 +129,7 @@ def simulate_batch(
     Returns
     -------
     BatchTrajectory
-        To the bit what `simulate` returns, whoever did the work. Motions that break down, leave
+        To the bit what `simulate` returns, in any process. Motions that break down, leave
         their `limits`, or cannot begin, raise nothing: ``failed`` has their indices, ``counts``
         their number, ``reasons`` what, where, when and how far.
 

@@ -3,7 +3,7 @@
     M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = s' - dt gamma / 2
     sigma = G lam + g,    K contains lam,    K* contains sigma + (0, 0, mu |sigma_t|),   orthogonal
 
-A scheme says where M, h and J are taken, which contacts take part, what g is, and how the velocity
+A scheme says where M, h and J are taken, which contacts are active, what g is, and how the velocity
 moves the configuration. All else is that of `ContactSteps`.
 
 1. Add one file to `stepping/schemes/` with a frozen dataclass that inherits from `ContactScheme`.
@@ -43,7 +43,7 @@ _PUSHED_OUT, AT_REST = 0.2, 1e-9
 # thrown up by 2 mm.
 PUSHES: Final = 0.2
 
-# Compliance of pushes that give way, relative to G_nn, and of what does not; shares of a push that
+# Compliance of compliant pushes, relative to G_nn, and of what does not; shares of a push that
 # count as all of it and as none of it, and the part of one that keeps rounding from contradiction.
 _YIELDS: Final = 1e-4
 _HARD: Final = 1e-10
@@ -63,7 +63,7 @@ _RENAMED: Final = {
 
 
 class Near(NamedTuple):
-    """The contacts that take part in a step, as a scheme sees them.
+    """The active contacts of a step, as a scheme sees them.
 
     Attributes
     ----------
@@ -198,7 +198,7 @@ class ContactScheme(Integrator, ABC):
     closes_gaps: ClassVar[bool] = False
     # whether what rests on a plane follows it where its path bends, of a scheme that closes no gaps
     follows_planes: ClassVar[bool] = False
-    touching: ClassVar[float] = 0.0  # gap up to which contacts take part, if no others do [m, rad]
+    touching: ClassVar[float] = 0.0  # gap up to which contacts are active, if no others do [m, rad]
     takes_restitution: ClassVar[bool] = False
     penetrates_at_rest: ClassVar[bool] = False  # whether contacts at rest penetrate
 
@@ -227,7 +227,7 @@ class ContactScheme(Integrator, ABC):
         return None
 
     def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
-        """Flags of gaps (k,) [m, rad] so small that their contacts take part in a step."""
+        """Flags of gaps (k,) [m, rad] so small that their contacts are active in a step."""
         return np.asarray(gaps < max(_NEAR, 2 * dt * fastest(v)))
 
     def check(self, candidates: Candidates) -> None:
@@ -359,7 +359,7 @@ def closing_by(near: Near) -> BiasPartials:
 def sizes_of_gaps() -> tuple[float, float, float, float, float]:
     """Gap thresholds of a step, for the compiled core.
 
-    Largest gap of a contact that takes part [m], share of a penetration that a step removes, its
+    Largest gap of an active contact [m], share of a penetration that a step removes, its
     largest speed [m/s, rad/s], depth that stays, and gap of a touching contact [m, rad].
     """
     return _NEAR, _PUSHED_OUT, PUSHES, AT_REST, _TOUCHES

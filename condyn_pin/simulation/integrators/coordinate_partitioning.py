@@ -41,7 +41,7 @@ class CoordinatePartitioning(Integrator):
 
     Both levels of the constraints hold at rounding, without gains and without projection: what is
     integrated are the nv - rank J degrees of freedom. Where a step passes a dead point of the
-    chosen coordinates, Newton's iteration fails or velocities jump, and `StepFailed` says so.
+    chosen coordinates, Newton's iteration fails or velocities jump, which raises `StepFailed`.
 
     References
     ----------

@@ -25,7 +25,7 @@
    dt. Numbers that are not finite need no care: the next solve finds them.
 8. An implicit method that uses the slopes of torques (`Applied.slopes`) sets `takes_jacobian`.
 9. An explicit method needs a small dt where the damping of joints is stiff, and a run that
-   breaks down says so; one that does not overrides `takes_stiff_damping`.
+   breaks down refuses; one that does not overrides `takes_stiff_damping`.
 10. A scheme whose contacts open and slide inherits from `ContactScheme`, whose file says how; the
     `effects` of its stepper are the work, the events and the notes of the last step. One that finds
     the times at which contacts open and slide sets `locates_events`.

@@ -45,7 +45,7 @@ class Anitescu(ContactScheme):
     closes_gaps: ClassVar[bool] = True
 
     def bias(self, near: Near) -> tuple[Array, Array | None]:
-        """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
+        """Return g (m,) [m/s] of contacts that are `near`; they are rigid."""
         return closing_velocities(near), None
 
     def bias_partials(self, near: Near) -> BiasPartials:

@@ -20,7 +20,7 @@ from condyn_pin.stepping.contact_steps import contact_stepper
 class Moreau(ContactScheme):
     """Moreau's time stepping, on velocities and impulses, at the midpoint of the step.
 
-    q_m = q (+) dt v / 2,    contacts with a gap <= 0 there take part,
+    q_m = q (+) dt v / 2,    contacts with a gap <= 0 there are active,
     g_n = J_n v_free + e J_n v,    q+ = q (+) dt (v + v+) / 2
 
     Where the law of restitution is not Newton's, nor gives the same, what strikes is thrown off
@@ -33,8 +33,8 @@ class Moreau(ContactScheme):
     middle of the step, and so are springs and damping, but for stiff ones that dt does not resolve,
     trace M^-1 (dt D + dt^2 K) > 1: these act at its end, which is of first order and does not swing
     on. A penetration, up to dt v at an impact at speed v, is not pushed out; notices say how deep
-    bodies are. Shapes that pass through each other within one step do not touch, and notices say
-    so.
+    bodies are. Shapes that pass through each other within one step do not touch, and notices name
+    them.
 
     Parameters
     ----------
@@ -80,7 +80,7 @@ class Moreau(ContactScheme):
         return np.asarray(gaps <= self.touching)
 
     def bias(self, near: Near) -> tuple[Array, Array | None]:
-        """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
+        """Return g (m,) [m/s] of contacts that are `near`; they are rigid."""
         g = near.free.copy()
         g[near.normals] += near.restitution * near.before[near.normals] + near.bends / near.dt
         return g, None

@@ -1,4 +1,4 @@
-"""SoftStep: MuJoCo's contacts, that give way."""
+"""SoftStep: MuJoCo's compliant contacts."""
 
 from __future__ import annotations
 
