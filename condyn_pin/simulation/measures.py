@@ -77,7 +77,7 @@ class Energy:
     contact: Array
     correction: Array
     algorithmic: Array
-    integral_error: Array
+    doubt: Array
 
     @property
     def total(self) -> Array:
@@ -86,7 +86,7 @@ class Energy:
 
     @property
     def error(self) -> Array:
-        """Unexplained change of the total energy (k,) [J], to within `integral_error`."""
+        """Unexplained change of the total energy (k,) [J], to within `doubt`."""
         total = self.total
         done = self.work + self.damping + self.impacts + self.driven
         done = done + self.contact + self.correction + self.algorithmic

@@ -234,7 +234,7 @@ class _Try(NamedTuple):
     h: float
     terms: ContactTerms
     held: FixedModes
-    mode_margins: Margins
+    margins: Margins
 
 
 class Segments:
