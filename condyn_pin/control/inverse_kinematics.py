@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import check_count, check_flag, checked, listed, normalised
+from condyn_pin._core.arguments import check_count, check_flag, checked_names, listed, normalised
 from condyn_pin._core.arrays import Array, finite, text_of
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
@@ -225,7 +225,7 @@ def solve_ik(
     time = float(finite("t", t, ()))
     bare = scene.bilateral.at(time)
     start = nominal_configuration(bare) if q0 is None else normalised(robot.model, "q0", q0)
-    held = indices(robot.model, checked("fixed", fixed, robot.joints, "joint"))[1]
+    held = indices(robot.model, checked_names("fixed", fixed, robot.joints, "joint"))[1]
     limits = chains_of(bare).limits if within_limits else NO_LIMITS
     check_held("fixed", limits, start, held)
     moving = np.ones(robot.nv, dtype=bool)

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import check_accuracy, check_called, checked, listed, register
+from condyn_pin._core.arguments import check_accuracy, check_called, checked_names, listed, register
 from condyn_pin._core.arrays import Array, finite, text_of
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.constraint import check_positive
@@ -381,7 +381,7 @@ class Tracking(Task):
         if self.axes is None:
             return bound
         known = [row.removeprefix(f"{self.name}.") for row in bound.names]
-        names = checked("axes", self.axes, known, "axis")
+        names = checked_names("axes", self.axes, known, "axis")
         if not names:
             raise InvalidArgument(f"axes: one at least of {listed(known)} is needed")
         some = [known.index(name) for name in names]
