@@ -57,7 +57,8 @@ def condyn(monkeypatch, capsys):
 
 SAID = {
     "robots": (*cp.io.available_robots(), "32.94", "Apache-2.0", "[kg]"),
-    "show cassie": ("12, rank 10, mobility 22", "left-plantar-foot-joint.z", "springs"),
+    "robots": ("motors",),
+    "show cassie": ("12, rank 10, mobility 22", "left-roll-op, left-yaw-op", "left-plantar-foot-joint.z", "springs"),
     "show four_bar --no-loops": ("mobility 3", "coupler_rocker", "how-to-close-a-loop"),
     "show cassie --frames": ("frames",),
     "show talos": (),

@@ -66,6 +66,17 @@ def test_summary_says_what_is_left_out():
     assert "mobility 0" in str(locked().summary())
 
 
+def test_motors_are_counted_by_a_robot_and_named_by_a_summary():
+    differential = [cp.model.CoupledMotor(n, {"joint0": 1.0, "joint1": w})
+                    for n, w in (("left", 1.0), ("right", -1.0))]  # fmt: skip
+    arm = cp.model.chain(3).with_motors("joint2", *differential)
+    assert "0 loops, 3 motors" in repr(arm)
+    summary = cp.Scene(arm).summary()
+    assert summary.facts()["motors"] == "joint2, left (joint0, joint1), right (joint0, joint1)"
+    assert "motors           joint2, left" in str(summary)
+    assert cp.Scene(arm.with_motors()).summary().facts()["motors"] == "none"
+
+
 def locked() -> cp.Scene:
     """A weld where the four-bar has a hinge: nothing can move."""
     bar = cp.model.four_bar()

@@ -66,6 +66,8 @@ class Summary:
         Candidates for contact, and how far each is from touching there.
     classification : Classification or None
         What kind of system it is: holonomic or not, sclero- or rheonomic, index of the DAE.
+    motors : tuple of str
+        Joints with a motor of their own, and motors on several joints with these in brackets.
     """
 
     robot: str
@@ -90,6 +92,7 @@ class Summary:
     licence: str
     contacts: tuple[tuple[str, str], ...] = ()
     classification: Classification | None = None
+    motors: tuple[str, ...] = ()
 
     def facts(self) -> dict[str, str]:
         """Return the summary as label and text, for printing."""
@@ -103,6 +106,7 @@ class Summary:
             "classification": str(self.classification or "unknown"),
             "Gruebler's count": f"{self.gruebler}",
             "redundant rows": redundant,
+            "motors": ", ".join(self.motors) or "none",
             "singular values": "{:.3g} ... {:.3g} 1/sqrt(kg)".format(*self.singular_values),
             "condition of M": f"{self.condition:.1e}",
             "Delassus matrix": f"condition {self.delassus_condition:.1e} of its nonzero part",
@@ -178,6 +182,10 @@ def summarise(scene: Scene, q: ArrayLike | None) -> Summary:
         licence=robot.licence,
         contacts=tuple(_contacts(scene, at.q)),
         classification=classification(scene, at),
+        motors=(
+            *robot.actuated,
+            *(f"{motor.name} ({', '.join(motor.weights)})" for motor in robot.coupled_motors),
+        ),
     )
 
 

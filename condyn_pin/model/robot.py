@@ -703,6 +703,7 @@ class Robot:
         return (
             f"Robot({self.name!r}: nq {self.nq}, nv {self.nv}, {self.mass:.4g} kg, "
             f"{count_text(len(self.loops), 'loop')}, "
+            f"{count_text(len(self.actuated) + len(self.coupled_motors), 'motor')}, "
             f"postures: {', '.join(self.postures) or 'none'})"
         )
 

@@ -23,9 +23,9 @@ def robots(as_json: arg.AsJson = False) -> None:
     if as_json:
         print_json({name: _facts(robot) for name, robot in loaded.items()})
         return
-    columns = "robot", "nq", "nv", "mass\n[kg]", "loops", "postures", "licence"
+    columns = "robot", "nq", "nv", "mass\n[kg]", "loops", "motors", "postures", "licence"
     table = text_table(*(Column(name, no_wrap=name in ("robot", "licence")) for name in columns))
-    for column in table.columns[1:5]:
+    for column in table.columns[1:6]:
         column.justify = "right"
     for robot in loaded.values():
         table.add_row(
@@ -34,6 +34,7 @@ def robots(as_json: arg.AsJson = False) -> None:
             str(robot.nv),
             f"{robot.mass:.2f}",
             str(len(robot.loops)),
+            str(len(robot.actuated) + len(robot.coupled_motors)),
             ", ".join(robot.postures),
             robot.licence.split(" (")[0],
         )
