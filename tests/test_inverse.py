@@ -255,6 +255,27 @@ def test_a_differential_by_hand():
     assert np.allclose(Actuation(turned).B.T @ v, [2.5, -0.9], rtol=1e-15)
 
 
+def test_a_torque_that_a_motor_cannot_give_is_a_notice():
+    """Of two cables against each other, the smallest torques push with one."""
+    arm = two_link(0.4, 0.3, 1.2, 0.7)
+    cables = [CoupledMotor("flexor", {"joint2": 0.02}, (0.0, 900.0)),
+              CoupledMotor("extensor", {"joint2": -0.03}, (0.0, 900.0))]  # fmt: skip
+    pulled = arm.with_motors("joint1", *cables)
+    q, v, up = [0.5, -1.1], [0.0, 0.0], [0.0, 30.0]
+    answer = cp.inverse_dynamics(cp.Scene(pulled), q, v, up)
+    assert answer.u[2] < 0 < answer.u[1]
+    (said,) = answer.notices
+    assert f"extensor: {answer.u[2]:.4g} N or N m, where it gives 0 to 900" in said
+    assert "Controller" in said
+    model = pin.Model(arm.model)
+    model.effortLimit = np.array([0.5, 0.0])
+    weak = cp.Scene(dataclasses.replace(arm, model=model))
+    (said,) = gravity_compensation(weak, q).notices
+    assert said.startswith("joint1: ")
+    assert "where it gives -0.5 to 0.5" in said
+    assert gravity_compensation(cp.Scene(arm), q).notices == ()
+
+
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_any_map_from_motors_to_joints(seed, count):

@@ -10,7 +10,7 @@ are too few, what comes nearest (`condyn_pin.control.actuation`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal, get_args
@@ -19,13 +19,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import count_text
+from condyn_pin._core.arguments import count_text, listed
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.constraints.places import FrameLike, frame_text
 from condyn_pin.control.actuation import Actuation, Drive, motors_of
 from condyn_pin.control.distribution.force_distribution import ForceDistribution
+from condyn_pin.control.limits import TorqueLimits
 from condyn_pin.dynamics.at_state import State, at_state, frame_jacobian, load_on
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import ConstraintForce, Sites, pulling
@@ -292,7 +293,20 @@ class InverseDynamics:
                 f"the motors drive one direction {1 / self.weakest:.0f} times more weakly than "
                 "another: the configuration is nearly singular, and torques are large"
             )
-        return (*said, *pulling(self.forces, self._sites))
+        return (*said, *self._beyond_limits(), *pulling(self.forces, self._sites))
+
+    def _beyond_limits(self) -> Iterator[str]:
+        """Sentence on the torques that are outside the limits of their motors."""
+        names, L, least, most = TorqueLimits.of(self.actuation)
+        torques = L @ (self.actuation.gears * self.u)
+        rounding = tolerances.SOLVED * np.abs(torques).max(initial=0.0)
+        each = zip(names, torques.tolist(), least.tolist(), most.tolist(), strict=True)
+        if outside := [
+            f"{name}: {x:.4g} N or N m, where it gives {low:g} to {high:g}"
+            for name, x, low, high in each
+            if not low - rounding <= x <= high + rounding
+        ]:
+            yield f"{listed(outside)}; Controller keeps to the limits of motors"
 
     @cached_property
     def _sites(self) -> Sites:
