@@ -671,6 +671,30 @@ def test_baumgarte_closes_an_open_start_at_its_rate():
     assert f"open by {found.violation[0]:.2g} m or rad at the start" in "".join(found.notices)
 
 
+def own_gains(gains: cp.Baumgarte) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """The open four-bar, whose loop has gains of its own."""
+    scene, q, v = bar(1e-3)
+    own = [replace(each, drift=gains) for each in scene.constraints]
+    return replace(scene, constraints=own), q, v
+
+
+def test_gains_of_the_constraints_close_an_open_start_alone():
+    gains = cp.Baumgarte.critical(50.0)
+    run = {"duration": 0.1, "close_start": False}
+    alone = cp.simulate(*own_gains(gains), **run, drift=cp.simulation.NoDrift())
+    assert np.array_equal(alone.q, cp.simulate(*bar(1e-3), **run, drift=gains).q)
+    with pytest.raises(cp.InvalidArgument, match=r"coupler_rocker has a drift of its own.*0\.0\)"):
+        cp.simulate(*own_gains(cp.Baumgarte(50.0, 0.0)), **run, drift=gains)
+
+
+def test_a_constraint_without_gains_is_named_where_others_close_their_own():
+    scene, q, v = own_gains(cp.Baumgarte.critical(50.0))
+    held = cp.constraints.HeldJoint("crank", name="brake")
+    scene = replace(scene, constraints=[*scene.constraints, held])
+    with pytest.raises(cp.InvalidArgument, match=r"NoDrift\(\) closes no gap of brake"):
+        cp.simulate(scene, q, v, close_start=False, duration=0.1, drift=cp.simulation.NoDrift())
+
+
 @pytest.mark.parametrize(
     "drift", [None, cp.simulation.PostStabilization(), cp.simulation.Projection()], ids=repr
 )

@@ -116,18 +116,25 @@ def _steps(duration: float, dt: float) -> tuple[int, float]:
     return steps, step_size(dt)
 
 
-def check_closing(integrator: Integrator, drift: Drift) -> None:
+def check_closing(scene: Scene, integrator: Integrator, drift: Drift) -> None:
     """Refuse choices with which an open start would stay open, or be closed by a leap."""
     if integrator.keeps_constraints:
         raise InvalidArgument(
             f"close_start = False: {integrator.title} would close the start within one step, and "
             "move by that; use RungeKutta4() with Baumgarte.critical(10.0)"
         )
-    if not drift.closes:
-        raise InvalidArgument(
-            f"close_start = False: drift = {drift!r} closes no gap; use Baumgarte.critical(10.0), "
-            "or a state of Scene.assemble()"
-        )
+    if drift.corrects and drift.closes:
+        return
+    for constraint in scene.constraints:
+        if not (constraint.drift or drift).closes:
+            whose = (
+                f"{constraint.name} has a drift of its own, and its " if constraint.drift else ""
+            )
+            raise InvalidArgument(
+                f"close_start = False: {whose}drift = {constraint.drift or drift!r} closes no gap "
+                f"of {constraint.name}; use Baumgarte.critical(10.0) there, or a state of "
+                "Scene.assemble()"
+            )
 
 
 def _check_jacobian(tau: object, jacobian: object, integrator: Integrator) -> None:

@@ -192,7 +192,7 @@ def simulate(
     if close_start:
         check_penetration(scene, state[0], planned.integrator)
     elif scene.rows and not _is_closed(scene, *state, planned):
-        check_closing(planned.integrator, planned.drift)
+        check_closing(scene, planned.integrator, planned.drift)
     return follow(planned, *state, progress)[0]
 
 
