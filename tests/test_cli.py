@@ -56,9 +56,13 @@ def condyn(monkeypatch, capsys):
 
 
 SAID = {
-    "robots": (*cp.io.available_robots(), "32.94", "Apache-2.0", "[kg]"),
-    "robots": ("motors",),
-    "show cassie": ("12, rank 10, mobility 22", "left-roll-op, left-yaw-op", "left-plantar-foot-joint.z", "springs"),
+    "robots": (*cp.io.available_robots(), "32.94", "Apache-2.0", "[kg]", "motors"),
+    "show cassie": (
+        "12, rank 10, mobility 22",
+        "left-roll-op,",
+        "left-plantar-foot-joint.z",
+        "springs",
+    ),
     "show four_bar --no-loops": ("mobility 3", "coupler_rocker", "how-to-close-a-loop"),
     "show cassie --frames": ("frames",),
     "show talos": (),
@@ -69,7 +73,7 @@ SAID = {
     "solvers": (*(kind.__name__ for kind in cp.dynamics.SOLVERS.values()), "rank_tolerance=1e-07"),
     "solve solo12 --contacts 'FL_FOOT:point, base_link:surface'": ("base_link",),
     "solve talos": ("--contacts takes left_sole_link, right_sole_link", "-9.81"),
-    "solve four_bar": (),
+    "solve four_bar --q crank=1.1": ("the joints are at", "crank                        1.1\n"),
     "lab problem": ("A01", "A02"),
     "control solo12": ("6.131", "KKT residual", "by Newton-Euler", "of its limit"),
     "control solo12 --lift FL_FOOT": ("lifted", "HR_FOOT: pulls", "FL_FOOT position"),
@@ -83,7 +87,7 @@ SAID = {
     "bench rolling_ball --quick": ("Dense KKT",),
 }
 NOT_SAID = {
-    "solve four_bar": "no constraints",
+    "solve four_bar --q crank=1.1": "no constraints",
     "control panda": "contact",
     "bench four_bar --quick --solvers 'nullspace, Soft'": "Proximal",
     "bench rolling_ball --quick": "LCABA",  # which does not take the scene
@@ -166,7 +170,7 @@ def test_the_base_of_a_urdf_may_float():
     assert answer["a"][:3] == pytest.approx([0.0, 0.0, -9.81], abs=1e-9)
 
 
-def test_a_model_of_a_world_and_its_motors_are_chosen(tmp_path):
+def test_a_model_of_a_world_and_its_motors_are_chosen(tmp_path, condyn):
     link = "<link name='{0}a'/><link name='{0}b'/>"
     joint = "<joint name='{0}j' type='revolute'><parent>{0}a</parent><child>{0}b</child>"
     axis = "<axis><xyz>0 0 1</xyz></axis></joint>"
@@ -175,7 +179,9 @@ def test_a_model_of_a_world_and_its_motors_are_chosen(tmp_path):
     )
     path = tmp_path / "w.sdf"
     path.write_text(f"<sdf version='1.9'><world name='w'>{models}</world></sdf>")
-    assert "choose one with model='m'" in str(run("show", path).exception)
+    code, _, said = condyn(f"show {path}")
+    assert code == 2
+    assert "choose one with --model 'm', or several, a --model for each" in said
     facts = json.loads(run("show --model n --actuated nj --json", path).stdout)
     assert facts["robot"] == "n"
     facts = json.loads(run("show --model n --model m --json", path).stdout)
@@ -342,6 +348,9 @@ MISTAKES = {
     "solve cassie --tau root_joint=1,2": "root_joint has shape (2,)",
     "solve cassie --force pelvi=0,0,1": "did you mean 'pelvis'",
     "solve cassie --force pelvis=0,1": "force on 'pelvis' has shape (2,)",
+    "solve cassie --tau left-knee-op=1,left-foot-op=2": "one name is needed; repeat --tau for",
+    "solve cassie --variant springs=locked,achilles=as_file": "repeat --variant for others",
+    "solve cassie --model a,b": "--model a,b: one name is needed; repeat it, --model a --model b",
     "solve cassie --q 'left-knee-op = x'": "--q left-knee-op=x: numbers with commas",
     "view four_bar --at 0.1": "--at 0.1: it is for a motion",
     "view m.npz": "m.npz: no file of a trajectory (No such file or directory)",

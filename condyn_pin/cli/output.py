@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass
@@ -29,18 +30,19 @@ _Found = TypeVar("_Found")
 _PAPER: Final = 118  # columns of a file
 
 
-# What errors and advice say of arguments in Python, as a line says it.
+# Patterns of what errors and advice say of arguments in Python, and how a line says it.
 _OPTIONS: Final = {
     "pass within_limits=False": "say --no-limits",
     "pass save=False": "say --no-save",
     "say close_start=False": "close_start=False in Python",
+    r"model=(.+), or several, model=\[\.\.\.\]": r"--model \1, or several, a --model for each",
 }
 
 
 def with_options(text: str) -> str:
     """Return a text with the options of the command line in place of Python's arguments."""
     for argument, option in _OPTIONS.items():
-        text = text.replace(argument, option)
+        text = re.sub(argument, option, text)
     return text
 
 

@@ -69,6 +69,10 @@ def robot_of(source: Source) -> Robot:
             "whether its base floats"
         )
     models = source.model or ()
+    for name in models:
+        if "," in name:
+            each = " ".join(f"--model {part}" for part in names_in(name))
+            raise InvalidArgument(f"--model {name}: one name is needed; repeat it, {each}")
     return load_robot(
         source.robot,
         floating=source.floating or None,
@@ -86,6 +90,10 @@ def pairs_in(option: str, texts: Sequence[str] | None, needed: str) -> dict[str,
         name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
             raise InvalidArgument(f"{option} {text}: {needed}")
+        if "=" in value:
+            raise InvalidArgument(
+                f"{option} {text}: one name is needed; repeat {option} for others"
+            )
         if name in found:
             raise InvalidArgument(f"{option} {text}: {name} is given twice; give it once")
         found[name] = value

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Annotated
 
+import numpy as np
 import typer
 
 from condyn_pin._core.tolerances import SOLVED
@@ -60,7 +61,7 @@ def solve(
     else:
         print_text(f"{scene.robot.name}, {chosen!r}")
         print_text(str(solution))
-        _say_accelerations(solution)
+        _say_state(solution)
         if not scene.constraints:
             ready = ", ".join(contact.name for contact in scene.robot.contacts) or "FRAME:KIND"
             print_text(f"note: no constraints; --contacts takes {ready}")
@@ -71,14 +72,19 @@ def solve(
         exit_with_status(ok=False)
 
 
-def _say_accelerations(solution: Solution) -> None:
+def _say_state(solution: Solution) -> None:
     from condyn_pin._core.joints import indices
 
     robot = solution.scene.robot
-    print_text("accelerations of the joints, free-flyers linear first [rad/s^2, m/s^2]:")
-    for name in robot.joints:
-        values = solution.a[indices(robot.model, [name])[1]]
-        print_text(f"{name:<28} {' '.join(f'{value:.6g}' for value in values)}")
+    places = robot.joint_values(solution.q)
+    rates = {name: solution.a[indices(robot.model, [name])[1]] for name in robot.joints}
+    for title, values in (
+        ("the joints are at, free-flyers with x y z and a quaternion x y z w [rad, m]:", places),
+        ("accelerations of the joints, free-flyers linear first [rad/s^2, m/s^2]:", rates),
+    ):
+        print_text(title)
+        for name, numbers in values.items():
+            print_text(f"{name:<28} {' '.join(f'{value:.6g}' for value in np.atleast_1d(numbers))}")
 
 
 def _facts(solution: Solution) -> dict[str, object]:
