@@ -351,6 +351,7 @@ MISTAKES = {
     "solve cassie --tau left-knee-op=1,left-foot-op=2": "one name is needed; repeat --tau for",
     "solve cassie --variant springs=locked,achilles=as_file": "repeat --variant for others",
     "solve cassie --model a,b": "--model a,b: one name is needed; repeat it, --model a --model b",
+    "control rolling_ball": "names no joint with a motor; --actuated does",
     "solve cassie --q 'left-knee-op = x'": "--q left-knee-op=x: numbers with commas",
     "view four_bar --at 0.1": "--at 0.1: it is for a motion",
     "view m.npz": "m.npz: no file of a trajectory (No such file or directory)",

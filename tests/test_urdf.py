@@ -30,6 +30,43 @@ def read(tmp_path: Path):
     return read_text
 
 
+# Motors -------------------------------------------------------------------------------------------
+
+
+def transmission(name: str, *joints: str, kind: str = "Simple", ratio: str = "1") -> str:
+    ends = "".join(f'<joint name="{each}"/>' for each in joints)
+    motor = f'<actuator name="m"><mechanicalReduction>{ratio}</mechanicalReduction></actuator>'
+    kind = f"<type>transmission_interface/{kind}Transmission</type>"
+    return f'<transmission name="{name}">{kind}{ends}{motor}</transmission>'
+
+
+def test_simple_transmissions_name_the_motors(read):
+    robot = read(
+        *SWING,
+        transmission("t1", "right", ratio="50"),
+        transmission("t2", "left", "bottom", kind="Differential"),
+        transmission("t3", "closing_bar_1_frame"),
+        transmission("t4", "nothing"),
+        transmission("t5", "left"),
+    )
+    assert robot.actuated == ("right", "left")
+    geared, others = (text for text in robot.unused if "transmissions" in text)
+    assert "(right)" in geared
+    assert "ratios" in geared
+    assert others.endswith(": t2, t3, t4")
+    assert not [text for text in robot.unused if "not read" in text]
+
+
+def test_motors_of_the_caller_are_before_those_of_the_file(tmp_path):
+    path = tmp_path / "robot.urdf"
+    path.write_text(f'<robot name="r">{"".join(SWING)}{transmission("t", "right")}</robot>')
+    assert cp.load_robot(path).actuated == ("right",)
+    assert cp.load_robot(path, actuated=["left"]).actuated == ("left",)
+    bare = '<transmission name="t" type="SimpleTransmission"><joint name="left"/></transmission>'
+    path.write_text(f'<robot name="r">{"".join(SWING)}{bare}</robot>')
+    assert cp.load_robot(path).actuated == ("left",)
+
+
 # Loops --------------------------------------------------------------------------------------------
 
 

@@ -35,6 +35,7 @@ _OPTIONS: Final = {
     "pass within_limits=False": "say --no-limits",
     "pass save=False": "say --no-save",
     "say close_start=False": "close_start=False in Python",
+    r"load_robot\(\.\.\., actuated=\[\.\.\.\]\) or Actuation\(robot, \[\.\.\.\]\)": "--actuated",
     r"model=(.+), or several, model=\[\.\.\.\]": r"--model \1, or several, a --model for each",
 }
 

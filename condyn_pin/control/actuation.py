@@ -82,7 +82,7 @@ class Actuation:
         if not motors:
             raise InvalidArgument(
                 f"joints: {self.robot.name} names no joint with a motor; "
-                "Actuation(robot, [joint, ...]) does"
+                "load_robot(..., actuated=[...]) or Actuation(robot, [...]) does"
             )
         own = [motor for motor in motors if isinstance(motor, str)]
         object.__setattr__(self, "joints", motors)

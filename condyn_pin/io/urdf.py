@@ -9,9 +9,10 @@ add what is missing:
     a second parent      a joint that is cut, and closed by a `Loop`; <loop_joint>, <constraint>
                          and <joint> in <gazebo> as well
     names of links       the two halves of a cut joint
+    <transmission>       a simple one names a joint with a motor
     a YAML or a TOML     loops, motors, balls and universal joints
 
-See `urdf_loops` for the last three. The kind of a joint that was cut is not in its name for
+See `urdf_loops` for how loops are closed. The kind of a joint that was cut is not in its name for
 certain; `robot.toml` can say another kind.
 """
 
@@ -28,7 +29,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import quoted_names, short_list
+from condyn_pin._core.arguments import quoted_names, listed, short_list
 from condyn_pin._core.joints import UNLIMITED
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
@@ -75,7 +76,8 @@ _OF_OTHERS: Final = (
     "linear_spring_damper",
 )  # fmt: skip
 _TAGS: Final = {
-    "robot": Tag("name version", many="link joint loop_joint constraint gazebo"),
+    "robot": Tag("name version", many="link joint loop_joint constraint gazebo transmission"),
+    "transmission": Tag("name type", many="type joint actuator mechanicalReduction", raw=True),
     "gazebo": Tag("reference", many=" ".join(("joint", "plugin", *_OF_GAZEBO)), raw=True),
     "link": Tag("name", one="inertial", many="visual"),  # view draws the latter
     "inertial": Tag(one="origin mass inertia"),
@@ -172,18 +174,45 @@ class _Reader:
         cuts = tuple(cuts_of(robot, self.cut.values()))
         # before joints are as Pinocchio reads them
         couplings, told = tuple(self._couplings()), tuple(self._unused(named))
+        motors, idle = self._motors()
         balls = [name for name, kind in beside.joints.items() if kind == "SPHERICAL"]
         model = _with_balls(self._model(root_joint), balls)
         _turn_planes(model, self.joints)
         return Description(
             model,
             loops=(*couplings, *(beside.loops or named), *close(model, cuts)),
-            unused=(*told, *beside.unused()),
+            unused=(*told, *idle, *beside.unused()),
             unmodelled=tuple(self._unmodelled()),
             lost_rows=tuple(self._others(_CLOSURES)),
-            actuated=beside.motors,
+            actuated=beside.motors or motors,
             name=robot.attrib["name"],
         )
+
+    def _motors(self) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        """Joints of simple transmissions, and sentences on what else transmissions have."""
+        motors, geared, others = dict[str, None](), list[str](), list[str]()
+        for each in self.robot.findall("transmission"):
+            kind = each.get("type") or (each.findtext("type") or "").strip()
+            (name, *more) = [j.get("name", "") for j in each.findall("joint")] or [""]
+            moves = name in self.joints and self.joints[name].get("type") != "fixed"
+            if more or not moves or not kind.endswith("SimpleTransmission"):
+                others.append(each.get("name") or kind)
+                continue
+            motors[name] = None
+            ratios = {(e.text or "1").strip() for e in each.iter("mechanicalReduction")}
+            geared += [name] * bool(ratios - {"1", "1.0"})
+        said = []
+        if geared:
+            said.append(
+                f"reductions of transmissions ({few(geared)}): torques are those of the joints; "
+                "Actuation(robot, ratios={...}) has those of the motors"
+            )
+        if others:
+            said.append(
+                f"transmissions that name no motors here, for they are not simple, or their joint "
+                f"does not move: {listed(others)}"
+            )
+        return tuple(motors), tuple(said)
 
     # The tree
 

@@ -310,7 +310,8 @@ def complete_state(
     A = chains.actuated
     if not A.size:
         raise InvalidArgument(
-            f"{robot.name} has no actuated joints: dataclasses.replace(robot, actuated=[...])"
+            f"{robot.name} has no actuated joints: load_robot(..., actuated=[...]) or "
+            "robot.with_motors(...) names some"
         )
     v_A = None if v_actuated is None else finite("v_actuated", v_actuated, A.size)
     start = nominal_configuration(scene) if near is None else normalised(model, "near", near)
