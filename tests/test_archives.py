@@ -95,6 +95,19 @@ def test_every_robot_comes_back_to_the_bit(name):
     assert again.saveToString() == model.saveToString()
 
 
+def test_motions_of_the_sample_humanoid_come_back(tmp_path):
+    """Pinocchio gives it limits of acceleration and jerk, for which Python has no names."""
+    model = pin.buildSampleModelHumanoidRandom()
+    scene = cp.Scene(cp.Robot("humanoid", model))
+    motion = cp.simulate(scene, pin.neutral(model), np.zeros(model.nv), duration=0.01)
+    motion.save(tmp_path / "m.npz")
+    again = cp.Trajectory.load(tmp_path / "m.npz")
+    assert np.array_equal(again.q, motion.q)
+    words, numbers = model_words(again.scene.robot.model)
+    assert words == model_words(model)[0]
+    assert all(np.array_equal(x, numbers[name]) for name, x in model_words(model)[1].items())
+
+
 def test_models_that_would_come_back_changed_are_not_saved():
     model = pin.Model(robot("four_bar").model)
     model.frames[1].name = model.frames[2].name
