@@ -278,6 +278,15 @@ def test_export_writes_a_file_that_reads_back(tmp_path):
     assert cp.load_robot(path).loops == ()
 
 
+def test_export_says_what_an_mjcf_has_no_place_for(tmp_path):
+    path = tmp_path / "solo.xml"
+    said = "limits of 12 velocities: an MJCF has no place for them"
+    assert f"not written: {said}" in run("export solo12 --mjcf", path).output
+    assert f"<!-- {said} -->" in path.read_text()
+    assert "not written" not in run("export four_bar --mjcf", path).output
+    assert "<!--" not in cp.load_robot("four_bar").to_mjcf()
+
+
 def test_export_writes_feet_and_shapes(tmp_path):
     path = tmp_path / "solo.xml"
     assert run("export solo12 --friction 0.7 --shapes --mjcf", path).exit_code == 0

@@ -10,10 +10,11 @@ import fuzz
 import numpy as np
 import pytest
 from shared import robot
+from urdf_texts import SWING
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.io.srdf import read_exclusions, read_srdf
+from condyn_pin.io.srdf import read_srdf
 from condyn_pin.io.urdf import read_urdf
 
 STATE = '<group_state name="home" group="all">{}</group_state>'
@@ -91,7 +92,7 @@ def test_spoilt_ones_do_no_harm(tmp_path):
         from pathlib import Path
         import condyn_pin as cp
         from condyn_pin._core._pin import pin
-        from condyn_pin.io.srdf import read_exclusions, read_srdf
+        from condyn_pin.io.srdf import read_srdf
         path, read = Path({str(tmp_path / "a.srdf")!r}), 0
         for text in eval(Path({str(texts)!r}).read_text(encoding="utf-8")):
             path.write_text(text, encoding="utf-8")
@@ -107,18 +108,34 @@ def test_spoilt_ones_do_no_harm(tmp_path):
     assert 0 < int(outcome.text) < 150
 
 
-def test_pairs_that_do_not_collide_are_exclusions(tmp_path):
-    links = [frame.name for frame in robot("four_bar").model.frames][1:3]
-    path = tmp_path / "a.srdf"
-    path.write_text(
-        '<robot name="r">'
-        + "".join(
-            f'<disable_collisions link1="{one}" link2="{two}" reason="Adjacent"/>'
-            for one, two in (links, links[::-1], [links[0], "elsewhere"], [links[0]] * 2)
-        )
-        + '<disable_collisions link1="x"/></robot>'
+def with_srdf(folder: Path, *lines: str) -> cp.Robot:
+    """A bar on two hinges, with the links beam, a, b and c, beside these lines of an SRDF."""
+    (folder / "r.urdf").write_text(f'<robot name="r">{"".join(SWING[:7])}</robot>')
+    (folder / "r.srdf").write_text(f'<robot name="r">{"".join(lines)}</robot>')
+    (folder / "robot.toml").write_text(
+        'name = "r"\n[description]\nfile = "r.urdf"\nsrdf = "r.srdf"\n'
     )
-    assert read_exclusions(robot("four_bar").model, path) == {frozenset(links)}
+    return cp.load_robot(folder)
+
+
+def test_pairs_that_do_not_collide_are_exclusions(tmp_path):
+    pairs = (("a", "b"), ("b", "a"), ("a", "elsewhere"), ("a", "a"))
+    lines = [f'<disable_collisions link1="{one}" link2="{two}"/>' for one, two in pairs]
+    swing = with_srdf(tmp_path, *lines, '<disable_collisions link1="x"/>')
+    assert swing.exclusions == {frozenset("ab")}
+    (said,) = (text for text in swing.unused if "r.srdf" in text)
+    assert said.endswith("does not have: elsewhere, x")
+
+
+def test_a_link_may_collide_with_those_that_are_enabled_alone(tmp_path):
+    swing = with_srdf(
+        tmp_path,
+        '<disable_default_collisions link="a"/>',
+        '<enable_collisions link1="b" link2="a"/>',
+        '<disable_collisions link1="b" link2="c"/>',
+    )
+    assert swing.exclusions == {frozenset(("a", "beam")), frozenset("ac"), frozenset("bc")}
+    assert not [text for text in swing.unused if "srdf" in text]
 
 
 def test_a_robot_has_the_exclusions_of_its_srdf():

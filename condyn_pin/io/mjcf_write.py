@@ -26,7 +26,7 @@ from math import inf
 from pathlib import Path
 from typing import Any, Final
 from xml.etree import ElementTree
-from xml.etree.ElementTree import Element, SubElement
+from xml.etree.ElementTree import Comment, Element, SubElement
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -87,6 +87,15 @@ def _writable_loops(robot: Robot, without: Iterable[str]) -> tuple[Constraint, .
     return kept
 
 
+def not_written(robot: Robot) -> str:
+    """Sentence on the numbers of a robot that an MJCF has no place for; empty if there is none."""
+    speeds = np.array(robot.model.velocityLimit)
+    limited = np.flatnonzero((speeds > 0) & (speeds < UNLIMITED))
+    return f"limits of {len(limited)} velocities: an MJCF has no place for them" * bool(
+        len(limited)
+    )
+
+
 class RobotWriter:
     """An MJCF under construction, to which loops write themselves."""
 
@@ -103,6 +112,8 @@ class RobotWriter:
         self, loops: tuple[Constraint, ...], contacts: tuple[Contact, ...], shapes: bool
     ) -> str:
         """Return the whole file, as text."""
+        if lost := not_written(self.robot):
+            self.root.append(Comment(f" {lost} "))
         SubElement(self.root, "compiler", angle="radian", autolimits="true")
         if np.any(self.model.gravity.angular):
             raise InvalidModel("the model's gravity turns; MuJoCo has only a linear one")

@@ -74,7 +74,7 @@ def _robot(config: Mapping[str, Any], folder: Path) -> Robot:
     root_joint = description.get("root_joint", "fixed")
     check_root_joint(root_joint)
     read = _read_description(file, description, root_joint, config.get("actuated", ()))
-    found, exclusions = _of_srdf(description, folder, read)
+    found, exclusions, unknown = _of_srdf(description, folder, read)
     for name, values in config.get("postures", {}).items():
         with place(f"postures.{name}"):
             found[name] = with_values(read.model, np.array(pin.neutral(read.model)), values)
@@ -86,6 +86,7 @@ def _robot(config: Mapping[str, Any], folder: Path) -> Robot:
         **_motors(config),
         postures={**found, **read.postures, **found},
         exclusions=read.exclusions | exclusions,
+        unused=(*read.unused, *unknown),
         loops=(*(loop for loop in read.loops if _ends(loop) not in ends), *own),
         contacts=contacts_of(config.get("contacts", ())),
         source=config.get("source", "unknown"),
@@ -140,15 +141,15 @@ def _motors(config: Mapping[str, Any]) -> dict[str, Any]:
 
 def _of_srdf(
     description: Mapping[str, Any], folder: Path, read: Description
-) -> tuple[dict[str, Array], frozenset[frozenset[str]]]:
-    """Postures of the SRDF, and its pairs of links that do not collide."""
+) -> tuple[dict[str, Array], frozenset[frozenset[str]], tuple[str, ...]]:
+    """Postures of the SRDF, pairs of links that do not collide, and what it has beside."""
     if "srdf" not in description:
-        return {}, frozenset()
+        return {}, frozenset(), ()
     from condyn_pin.io.srdf import read_exclusions, read_srdf
 
     srdf, rotors = description_file(description["srdf"], folder), description.get("rotors", False)
     found = read_srdf(read.model, srdf, rotors=rotors, inverted=read.reversed)
-    return found, read_exclusions(read.model, srdf)
+    return found, *read_exclusions(read.model, srdf)
 
 
 def _check_constraints(robot: Robot, own: Sequence[Constraint]) -> None:

@@ -14,6 +14,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.xml import floats, label, open_xml, place
@@ -44,13 +45,25 @@ def read_srdf(
     return found
 
 
-def read_exclusions(model: Any, path: Path) -> frozenset[frozenset[str]]:
-    """Pairs of links that do not collide; those that the model lacks are left out."""
+def read_exclusions(model: Any, path: Path) -> tuple[frozenset[frozenset[str]], tuple[str, ...]]:
+    """Pairs of links that do not collide, and a sentence on links that the model lacks.
+
+    With <disable_default_collisions> a link collides with those of <enable_collisions> alone.
+    """
     with place(path):
-        disabled = open_xml(path, "robot").findall("disable_collisions")
+        root = open_xml(path, "robot")
     links = {frame.name for frame in model.frames}
-    pairs = (frozenset(links & {each.get("link1"), each.get("link2")}) for each in disabled)
-    return frozenset(pair for pair in pairs if len(pair) == 2)
+    bodies = [frame.name for frame in model.frames if frame.type == pin.FrameType.BODY]
+    off, on = (
+        {frozenset((e.get("link1", ""), e.get("link2", ""))) for e in root.findall(tag)}
+        for tag in ("disable_collisions", "enable_collisions")
+    )
+    alone = {e.get("link", "") for e in root.findall("disable_default_collisions")}
+    of_alone = {frozenset((link, body)) for link in alone for body in bodies}
+    pairs = frozenset(p for p in off | (of_alone - on) if len(p) == 2 and p <= links)
+    unknown = sorted(alone.union(*off, *on) - links - {""})
+    said = f"links of {path.name} that the robot does not have: {listed(unknown)}"
+    return pairs, (said,) if unknown else ()
 
 
 def _read_rotors(model: Any, root: Element) -> None:

@@ -630,7 +630,8 @@ class Robot:
 
         Joints with armature, damping, springs and limits, frames as sites, loops and couplings as
         equalities, spring-dampers as tendons, motors, those of several joints on fixed tendons, and
-        postures as keyframes. A hinge loop is two points of its axis, and `load_robot` reads these
+        postures as keyframes. Limits of velocity have no place in it, and a comment counts them. A
+        hinge loop is two points of its axis, and `load_robot` reads these
         as two balls.
 
         Parameters

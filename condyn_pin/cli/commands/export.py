@@ -30,6 +30,7 @@ def export(
     """Write a robot in another format."""
     from condyn_pin._core.files import write_text
     from condyn_pin.cli.words import feet_of, names_in, robot_of
+    from condyn_pin.io.mjcf_write import not_written
 
     check_written(mjcf)
     loaded = robot_of(source)
@@ -38,3 +39,5 @@ def export(
     )
     write_text(mjcf, text)
     print_text(f"written: {mjcf}")
+    if lost := not_written(loaded):
+        print_text(f"not written: {lost}")
