@@ -362,6 +362,37 @@ def test_forces_of_a_motion_are_in_the_axes_that_are_wanted():
         assert not np.allclose(found, own, rtol=1e-3)
 
 
+@pytest.mark.parametrize("scheme", [cp.stepping.StewartTrinkle(), cp.stepping.Moreau()])
+def test_forces_of_steps_and_batches_are_in_the_axes_that_are_wanted(scheme):
+    named, knee = solo()
+    q, tau = pin.neutral(named.model), np.zeros(named.nv)
+    v = np.linspace(-0.4, 0.4, named.nv)
+    gear = cp.constraints.Coupling(named.joints[3], named.joints[6], name="gear")
+    own_scene, scene = (
+        cp.Scene(named, [gear, cp.constraints.PlanarContact("foot", axes=axes, name="c")])
+        for axes in (None, (knee, TURNED))
+    )
+    own, step = (cp.step(each, q, v, dt=1e-4, integrator=scheme) for each in (own_scene, scene))
+    assert np.array_equal(own.lam, step.lam)
+    before = cp.solve(own_scene, q, tau, tau).forces["c"].rotation
+    turn = named.frame_pose(q, (knee, TURNED)).rotation.T @ before
+    for of in ("forces", "impulses"):
+        ours, theirs = getattr(own, of), getattr(step, of)
+        turned = (ours["c"].reshape(-1, 3) @ turn.T).ravel()
+        largest = np.abs(turned).max()
+        assert np.allclose(theirs["c"], turned, rtol=0, atol=1e-3 * largest)
+        assert np.abs(theirs["c"] - ours["c"]).max() > 0.1 * largest
+        assert np.array_equal(ours["gear"], theirs["gear"])
+    Q, V = np.array([q, q]), np.zeros((2, named.nv))
+    Q[1] = pin.integrate(named.model, q, np.r_[0.0, 0.0, 0.0, 0.3, -0.2, 0.4, np.zeros(12)])
+    batch = cp.solve_batch(scene, Q, V, tau)
+    for i, at in enumerate(Q):
+        alone = cp.solve(scene, at, V[i], tau)
+        for name, force in alone.forces.items():
+            assert np.allclose(batch.forces[name][i], force, rtol=1e-9, atol=1e-9)
+    assert np.array_equal(batch.lam, cp.solve_batch(own_scene, Q, V, tau).lam)
+
+
 LINKS = link("base", "") + link("arm") + joint("shoulder", "base", "arm")
 TOML = """name = "two"
 source = "here"

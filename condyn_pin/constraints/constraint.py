@@ -90,7 +90,7 @@ class Constraint(ABC):
         What forces, rows and errors are listed under; after its frames or joints by default.
     axes : str, (joint, pin.SE3) or pin.Frame, optional
         Frame whose axes the components of its force are in, such as "world"; its own by default.
-        Rows, and so `lam`, stay in their own; the forces of steps and batches are rows.
+        Rows, and so `lam` and its derivatives, stay in their own.
     drift : Baumgarte, optional
         Stabilisation of its own rows; by default that of the question, `solve(..., drift=...)`.
     """

@@ -691,6 +691,22 @@ def _force(sites: Sites, i: int, lam: Array) -> ConstraintForce:
     )
 
 
+def forces_in_axes(scene: Scene, Q: Array, lam: Array) -> dict[str, Array]:
+    """Forces of the constraints with `axes`, in these, at many states (k, 3) or (k, 6) [N, N m].
+
+    Parameters
+    ----------
+    Q, lam : (k, nq), (k, m) array
+        Configurations at which the rows of lam are taken, and their forces.
+    """
+    names = [b.name for b, c in zip(scene.bounds, scene.constraints, strict=True) if c.axes]
+    if not names:
+        return {}
+    equations = Equations(scene.robot.unedited, scene.bounds)
+    each = [Sites(scene, q, equations).forces(row) for q, row in zip(Q, lam, strict=True)]
+    return {name: np.array([forces[name].components for forces in each]) for name in names}
+
+
 # Columns of answers, named by joint and by constraint: of one state, or of many.
 
 

@@ -19,6 +19,7 @@ from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.problem import MODES, OPEN, Modes, mode_words
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import forces_in_axes
 
 # Rows are packed into one array each time there are so many: a small array takes a hundred bytes
 # more than its numbers.
@@ -285,15 +286,17 @@ def gaps_along(scene: Scene, Q: Array) -> tuple[tuple[str, ...], Array]:
     return candidates.names[:count], gaps
 
 
-def forces_of(scene: Scene, lam: Array) -> dict[str, Array]:
+def forces_of(scene: Scene, q: Array, lam: Array) -> dict[str, Array]:
     """Return lam (m,) by name: on the first-named body of a constraint, on the robot of a contact.
 
-    In the axes of each; a contact has (t1, t2, n).
+    In the axes of each at q, or its `axes` if it has such; a contact has (t1, t2, n).
     """
     forces = {
         bound.name: lam[bound.rows] if bound.is_scalar else np.asarray(bound.whole(lam[bound.rows]))
         for bound in scene.bounds
     }
+    turned = forces_in_axes(scene, q[None], lam[None, : scene.rows])
+    forces |= {name: force[0] for name, force in turned.items()}
     contacts = lam[scene.rows :]
     return forces | {
         name: contacts[rows] for name, rows in contact_rows(candidates_of(scene)).items()

@@ -15,10 +15,9 @@ from condyn_pin._core import show
 from condyn_pin._core.arguments import count_text, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.show import require_pandas
-from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.problem import MODES
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solution import ConstraintForce, Sites
+from condyn_pin.dynamics.solution import forces_in_axes
 from condyn_pin.model.joints import by_joint
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.measures import (
@@ -153,29 +152,20 @@ class Trajectory:
         """
         parts: dict[str, list[tuple[slice, Array]]] = {}
         for phase in self.phases:
-            turned = [bool(constraint.axes) for constraint in phase.scene.constraints]
             lam = self.lam[phase.samples][:, list(phase.columns[: phase.scene.rows])]
-            there = self._turned(phase, lam) if any(turned) else []
-            for bound, axes in zip(phase.scene.bounds, turned, strict=True):
+            turned = forces_in_axes(phase.scene, self.q[phase.samples], lam)
+            for bound in phase.scene.bounds:
                 force = lam[:, bound.rows]
-                if not bound.is_scalar:
-                    force = np.array(
-                        [forces[bound.name].components for forces in there]
-                        if axes
-                        else [bound.whole(row) for row in force]
-                    )
+                if bound.name in turned:
+                    force = turned[bound.name]
+                elif not bound.is_scalar:
+                    force = np.array([bound.whole(row) for row in force])
                 parts.setdefault(bound.name, []).append((phase.samples, force))
             rows = list(phase.columns[phase.scene.rows :])
             for name, its in contact_rows(candidates_of(phase.scene)).items():
                 force = self.lam[phase.samples][:, rows[its]]
                 parts.setdefault(name, []).append((phase.samples, force))
         return {name: self._joined(each) for name, each in parts.items()}
-
-    def _turned(self, phase: Phase, lam: Array) -> list[dict[str, ConstraintForce]]:
-        """Forces at each sample of a phase, in the axes that its constraints want."""
-        scene, q = phase.scene, self.q[phase.samples]
-        equations = Equations(scene.robot.unedited, scene.bounds)
-        return [Sites(scene, each, equations).forces(row) for each, row in zip(q, lam, strict=True)]
 
     def _joined(self, parts: list[tuple[slice, Array]]) -> Array:
         """Arrays of one constraint over all phases (k, columns), zero where a phase has none."""

@@ -223,12 +223,15 @@ class StepSolution:
     @property
     def impulses(self) -> dict[str, Array]:
         """Impulses by constraint and by contact [N s, N m s], as `forces`."""
-        return forces_of(self.scene, self.lam)
+        return forces_of(self.scene, self._taken.posed.at, self.lam)
 
     @property
     def forces(self) -> dict[str, Array]:
-        """Mean forces of the step by constraint, and by contact (t1, t2, n) [N, N m]."""
-        return forces_of(self.scene, self.lam / self.dt)
+        """Mean forces of the step by constraint, and by contact (t1, t2, n) [N, N m].
+
+        In the axes of each constraint where the step has its rows, or its `axes` if it has such.
+        """
+        return forces_of(self.scene, self._taken.posed.at, self.lam / self.dt)
 
     def __repr__(self) -> str:
         counted = [f"{n} {mode}" for mode, n in self._counts.items() if n]

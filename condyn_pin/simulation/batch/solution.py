@@ -21,7 +21,13 @@ from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 from condyn_pin.dynamics.residuals import Residuals
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solution import Question, Solution, Status, solution_columns
+from condyn_pin.dynamics.solution import (
+    Question,
+    Solution,
+    Status,
+    forces_in_axes,
+    solution_columns,
+)
 
 # A status as a number is its place here.
 STATUSES: Final = tuple(Status)
@@ -111,12 +117,15 @@ class BatchSolution(BatchResult[Solution]):
 
     @property
     def forces(self) -> dict[str, Array]:
-        """Force on the first-named body by constraint, (N, rows of it), views of `lam`."""
+        """Force on the first-named body by constraint, (N, rows of it), views of `lam`.
+
+        Of a constraint with `axes` they are (N, 3) or (N, 6), in these, as in a `Solution`.
+        """
         found, row = {}, 0
         for bound in self.scene.bounds:
             found[bound.name] = self.lam[:, row : row + bound.size]
             row += bound.size
-        return found
+        return found | forces_in_axes(self.scene, self.q, self.lam)
 
     def to_pandas(self) -> Any:
         """Return the solutions as a `pandas.DataFrame`, one state per row.
@@ -169,7 +178,7 @@ class BatchDerivatives(Jacobian, Batch[Derivatives]):
     da_dq, da_dv, da_dtau : (N, nv, nv) array
         Of the joint accelerations a; the columns by q are tangent.
     dlam_dq, dlam_dv, dlam_dtau : (N, m, nv) array
-        Where rows are redundant, those of the smallest lam.
+        Of the rows, in the axes of each constraint, whatever its `axes`. Where rows are redundant, those of the smallest lam.
     seconds : float
         Wall time of the whole batch [s].
 
