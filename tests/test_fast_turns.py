@@ -153,6 +153,33 @@ def test_a_ball_alone_may_turn_by_nearly_a_turn(scheme):
     assert "up to 1.9 pi" in too_fast.notices[0]
 
 
+def thrown(armature: list[float]) -> cp.Trajectory:
+    """A body in a vertical plane, thrown at (1, 0.5) m/s with 5.5 rad/s, after one step of 1 s."""
+    model = pin.Model()
+    upright = pin.SE3(pin.rpy.rpyToMatrix(np.pi / 2, 0.0, 0.0), np.zeros(3))  # y is up
+    joint = model.addJoint(0, pin.JointModelPlanar(), upright, "body")
+    beside = np.array([0.0, 0.0, 0.3])  # the plane: how it would turn about x and y is no matter
+    model.appendBodyToJoint(
+        joint, pin.Inertia(2.0, beside, np.diag([0.1, 0.2, 0.25])), pin.SE3.Identity()
+    )
+    model.armature = np.array(armature)
+    scene, q, v = cp.Scene(cp.Robot("thrown", model)), pin.neutral(model), [1.0, 0.5, 5.5]
+    return cp.simulate(
+        scene, q, v, duration=1.0, dt=1.0, integrator=cp.simulation.RungeKutta4()
+    )  # fmt: skip
+
+
+def test_a_planar_body_is_a_ball_unless_an_armature_turns_with_it():
+    """x = v t + g t^2 / 2; with armature along its axes, m (v' + w x v) + A v' = f, it is none."""
+    for about in (0.0, 0.7):
+        end = thrown([0.0, 0.0, about]).q[-1]
+        assert np.allclose(end[:2], [1.0, 0.5 - 9.81 / 2], rtol=0, atol=1e-12)
+        assert np.allclose(end[2:], [np.cos(5.5), np.sin(5.5)], rtol=0, atol=1e-12)
+    geared = thrown([0.4, 0.4, 0.0])
+    assert geared.status is cp.simulation.RunStatus.FAILED
+    assert "joint 'body' turns by 5.5 rad" in geared.reason
+
+
 @pytest.mark.parametrize(
     "contact",
     [

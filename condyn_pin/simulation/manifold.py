@@ -335,10 +335,11 @@ def _is_ball(model: Any, name: str, at: list[int]) -> bool:
         moments, lever = moments[2:, 2:], lever[:2]
     J = float(np.trace(moments)) / len(moments)
     is_round = np.abs(moments - J * np.eye(len(moments))).max() <= tolerances.MOMENT * J
-    armature = model.armature[joint.idx_v : joint.idx_v + joint.nv]
-    parts = armature[: joint.nv - len(at)], armature[joint.nv - len(at) :]
+    along, about = np.split(
+        model.armature[joint.idx_v : joint.idx_v + joint.nv], [joint.nv - len(at)]
+    )  # the first would turn with the body's axes: m (v' + w x v) + A v' = f
     is_centred = body.mass * lever.dot(lever) <= tolerances.MOMENT**2 * J
-    return bool(is_round and is_centred and all((part == part[:1]).all() for part in parts))
+    return bool(is_round and is_centred and not along.any() and (about == about[0]).all())
 
 
 # Numbers one by one: Pinocchio's take twice as long, to come into Python and to leave it.

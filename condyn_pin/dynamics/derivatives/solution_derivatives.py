@@ -64,7 +64,8 @@ class Derivatives(Jacobian):
     da_dq, da_dv, da_dtau : (nv, nv) array
         Of the joint accelerations a; the columns by q are tangent.
     dlam_dq, dlam_dv, dlam_dtau : (m, nv) array
-        Of the rows, in the axes of each constraint, whatever its `axes`. Where rows are redundant, those of the smallest lam.
+        Of the rows, in the axes of each constraint, whatever its `axes`. Where rows are redundant,
+        those of the smallest lam.
     disagreement : float or None
         Largest difference to central differences, relative to the largest entry of its block [1],
         where these were taken (``check=True``).

@@ -178,7 +178,8 @@ class BatchDerivatives(Jacobian, Batch[Derivatives]):
     da_dq, da_dv, da_dtau : (N, nv, nv) array
         Of the joint accelerations a; the columns by q are tangent.
     dlam_dq, dlam_dv, dlam_dtau : (N, m, nv) array
-        Of the rows, in the axes of each constraint, whatever its `axes`. Where rows are redundant, those of the smallest lam.
+        Of the rows, in the axes of each constraint, whatever its `axes`. Where rows are redundant,
+        those of the smallest lam.
     seconds : float
         Wall time of the whole batch [s].
 
