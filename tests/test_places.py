@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import pickle
+import sys
 
 import numpy as np
 import pytest
@@ -391,6 +392,31 @@ def test_forces_of_steps_and_batches_are_in_the_axes_that_are_wanted(scheme):
         for name, force in alone.forces.items():
             assert np.allclose(batch.forces[name][i], force, rtol=1e-9, atol=1e-9)
     assert np.array_equal(batch.lam, cp.solve_batch(own_scene, Q, V, tau).lam)
+
+
+def test_what_is_printed_of_a_constraint_has_no_defaults():
+    loop = cp.Loop("a", "b", name="l")
+    assert repr(loop) == "Loop(name='l', frame_a='a', frame_b='b')"
+    assert repr(cp.PointContact("a", axes="world", offset=(0.0, 0.0, 1.0))) == (
+        "PointContact(name='a', axes='world', frame='a', offset=(0.0, 0.0, 1.0))"
+    )
+    contact = cp.FrictionalContact("a", friction=0.5)
+    assert repr(contact) == "FrictionalContact(name='a', frame='a', friction=0.5)"
+    known = {"Loop": cp.Loop, "FrictionalContact": cp.FrictionalContact}
+    assert [eval(repr(each), known) for each in (loop, contact)] == [loop, contact]
+
+
+def test_fields_that_take_any_frame_are_annotated_so():
+    frame = cp.constraints.FrameLike
+    for kind, field in (
+        (cp.Loop, "frame_a"),
+        (cp.PointContact, "frame"),
+        (cp.FrictionalContact, "frame"),
+        (cp.AppliedForce, "frame"),
+    ):
+        annotations = (vars(base).get("__annotations__", {}) for base in kind.__mro__)
+        module = vars(sys.modules[kind.__module__])
+        assert eval(next(a[field] for a in annotations if field in a), module) == frame
 
 
 LINKS = link("base", "") + link("arm") + joint("shoulder", "base", "arm")

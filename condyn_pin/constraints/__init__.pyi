@@ -24,6 +24,7 @@ from .path import Path as Path
 from .path import Polynomial as Polynomial
 from .path import Sine as Sine
 from .path import analytic as analytic
+from .places import FrameLike as FrameLike
 from .planar_contact import PlanarContact as PlanarContact
 from .point_contact import PointContact as PointContact
 from .rolling_ball import RollingBall as RollingBall

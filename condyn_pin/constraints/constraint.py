@@ -47,7 +47,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from numbers import Real
 from typing import (
     TYPE_CHECKING,
@@ -80,8 +80,22 @@ if TYPE_CHECKING:
 KINDS: dict[str, type[Constraint]] = {}
 
 
+class GivenFields:
+    """Dataclass whose repr has the fields that differ from their defaults."""
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if "__repr__" not in vars(cls):  # before the dataclass gives it one with all fields
+            cls.__repr__ = cls.__repr__  # type: ignore[method-assign]
+
+    def __repr__(self) -> str:
+        given = ((f, getattr(self, f.name)) for f in fields(self) if f.repr)  # type: ignore[arg-type]
+        said = [f"{f.name}={value!r}" for f, value in given if (value == f.default) is not True]
+        return f"{type(self).__qualname__}({', '.join(said)})"
+
+
 @dataclass(frozen=True, kw_only=True)
-class Constraint(ABC):
+class Constraint(GivenFields, ABC):
     """Base of every constraint: a name, a number of rows, and defaults of the contract.
 
     Parameters
@@ -102,7 +116,7 @@ class Constraint(ABC):
     has_normal: ClassVar[bool] = False  # whether z of its force is a normal; else the vertical is
 
     name: str = ""
-    axes: str | None = None
+    axes: FrameLike | None = None
     drift: Baumgarte | None = None
 
     def __init_subclass__(cls) -> None:
@@ -488,8 +502,8 @@ class BetweenFrames(Constraint, ABC):
 
     closes: ClassVar[bool] = True
 
-    frame_a: str
-    frame_b: str
+    frame_a: FrameLike
+    frame_b: FrameLike
 
     @property
     def frames(self) -> tuple[str, ...]:
@@ -526,7 +540,7 @@ THIN: Final = 0.004  # thickness of what is drawn, the same
 class WithWorld(Constraint, ABC):
     """Constraint between one frame of the robot and the world."""
 
-    frame: str
+    frame: FrameLike
 
     @property
     def frames(self) -> tuple[str, ...]:

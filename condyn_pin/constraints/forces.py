@@ -23,7 +23,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import joints_with_turning_axes
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.constraint import Machine, check_size
-from condyn_pin.constraints.places import set_frames, short_frames
+from condyn_pin.constraints.places import FrameLike, set_frames, short_frames
 from condyn_pin.errors import InvalidArgument
 
 Axes = Literal["world", "body"]
@@ -60,7 +60,7 @@ class AppliedForce:
         `frame_of` is neither.
     """
 
-    frame: str
+    frame: FrameLike
     force: ArrayLike | ForceFunction
     frame_of: Axes = "world"
 

@@ -15,7 +15,7 @@ from condyn_pin.constraints.constraint import (
     shifted_placement,
 )
 from condyn_pin.constraints.on_velocity import Nonholonomic
-from condyn_pin.constraints.places import set_frames
+from condyn_pin.constraints.places import FrameLike, set_frames
 from condyn_pin.constraints.rows.bound import Bound
 
 
@@ -49,7 +49,7 @@ class KnifeEdge(Nonholonomic):
     rows: ClassVar[int] = 1
     lengths: ClassVar[tuple[str, ...]] = ("offset",)
 
-    frame: str
+    frame: FrameLike
     axis: Axis = "y"
     offset: Vector3 = (0.0, 0.0, 0.0)  # [m]
 

@@ -23,7 +23,7 @@ from condyn_pin.constraints.constraint import (
     lever,
     placement,
 )
-from condyn_pin.constraints.places import set_frames
+from condyn_pin.constraints.places import FrameLike, set_frames
 from condyn_pin.constraints.point_contact import PointContact, point_of
 from condyn_pin.constraints.rows.bound import FRAME, Bound
 from condyn_pin.errors import InvalidArgument
@@ -68,7 +68,7 @@ class LineContact(WithWorld):
     word: ClassVar[str] = "line"
     lengths: ClassVar[tuple[str, ...]] = ("half_length", "anchor")
 
-    frame: str
+    frame: FrameLike
     axis: Axis = "x"
     half_length: float | None = None  # [m]
     anchor: Placement | None = None

@@ -36,7 +36,7 @@ from condyn_pin.constraints.constraint import (
     lever,
 )
 from condyn_pin.constraints.driven import not_to_drive
-from condyn_pin.constraints.places import set_frames
+from condyn_pin.constraints.places import FrameLike, set_frames
 from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound, BoundConstraint
 from condyn_pin.constraints.rows.special import BoundRelation, RelativePosition
 from condyn_pin.errors import InvalidArgument
@@ -107,8 +107,8 @@ class Loop(BetweenFrames):
 
     lengths: ClassVar[tuple[str, ...]] = ("length",)
 
-    frame_a: str
-    frame_b: str
+    frame_a: FrameLike
+    frame_b: FrameLike
     kind: LoopKind = "ball"
     axis: Axis | None = None
     length: float | None = None  # [m]

@@ -35,8 +35,9 @@ Value = TypeVar("Value")
 # Names of the world.
 WORLD: Final = ("world", "universe")
 
-# A frame as users give it: its name, a joint and a placement on it, or a pin.Frame.
-FrameLike: TypeAlias = str | tuple[str | int, Any] | Any
+# A frame as users give it: its name, a pair (joint, pin.SE3), or a pin.Frame. The latter have no
+# types, and a field of this type holds the text of the frame: any value may be set, a text is read.
+FrameLike: TypeAlias = str | Any
 
 _NUMBERS: Final = r"\[([-+.0-9eE ]+)\]"
 _NUMBER: Final = "#[0-9]{1,9}"

@@ -24,7 +24,7 @@ from condyn_pin.constraints.constraint import (
     plane,
     shifted_placement,
 )
-from condyn_pin.constraints.places import set_frames
+from condyn_pin.constraints.places import FrameLike, set_frames
 from condyn_pin.constraints.rows.bound import Bound
 
 
@@ -65,7 +65,7 @@ class PlanarContact(WithWorld):
     unitless: ClassVar[tuple[str, ...]] = ("normal",)
     has_normal: ClassVar[bool] = True
 
-    frame: str
+    frame: FrameLike
     offset: Vector3 = (0.0, 0.0, 0.0)
     normal: Vector3 = (0.0, 0.0, 1.0)
     height: float | None = None  # [m]

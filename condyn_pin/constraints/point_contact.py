@@ -22,7 +22,7 @@ from condyn_pin.constraints.constraint import (
     lever,
     shifted_placement,
 )
-from condyn_pin.constraints.places import set_frames
+from condyn_pin.constraints.places import FrameLike, set_frames
 from condyn_pin.constraints.rows.bound import POINT, Bound
 
 
@@ -59,7 +59,7 @@ class PointContact(WithWorld):
     word: ClassVar[str] = "point"
     lengths: ClassVar[tuple[str, ...]] = ("offset", "anchor")
 
-    frame: str
+    frame: FrameLike
     offset: Vector3 = (0.0, 0.0, 0.0)
     anchor: Vector3 | None = None
 

@@ -7,6 +7,7 @@ from typing import ClassVar
 
 from condyn_pin.constraints.constraint import Foot, Machine, Support, Vector3
 from condyn_pin.constraints.on_velocity import OnPlane
+from condyn_pin.constraints.places import FrameLike
 from condyn_pin.constraints.rows.special import BoundRolling
 
 
@@ -43,7 +44,7 @@ class RollingBall(OnPlane):
 
     rows: ClassVar[int] = 3
 
-    frame: str
+    frame: FrameLike
     radius: float  # [m]
     normal: Vector3 = (0.0, 0.0, 1.0)
     height: float | None = None  # [m]

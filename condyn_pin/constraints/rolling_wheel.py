@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from condyn_pin.constraints.constraint import Axis, Machine, Support, Vector3, check_axis
 from condyn_pin.constraints.on_velocity import EVERY, Direction, OnPlane
+from condyn_pin.constraints.places import FrameLike
 from condyn_pin.constraints.rows.special import BoundRolling
 from condyn_pin.errors import InvalidArgument
 
@@ -51,7 +52,7 @@ class RollingWheel(OnPlane):
     plane a wheel has no lowest point: the rows along it vanish, and `Scene.rank` names them.
     """
 
-    frame: str
+    frame: FrameLike
     radius: float  # [m]
     axis: Axis = "y"
     holds: tuple[Direction, ...] = EVERY

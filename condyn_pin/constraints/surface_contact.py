@@ -22,7 +22,7 @@ from condyn_pin.constraints.constraint import (
     lever,
     placement,
 )
-from condyn_pin.constraints.places import set_frames
+from condyn_pin.constraints.places import FrameLike, set_frames
 from condyn_pin.constraints.point_contact import PointContact, point_of
 from condyn_pin.constraints.rows.bound import FRAME, Bound
 from condyn_pin.errors import InvalidArgument
@@ -64,7 +64,7 @@ class SurfaceContact(WithWorld):
     lengths: ClassVar[tuple[str, ...]] = ("half_length", "half_width", "anchor")
     has_normal: ClassVar[bool] = True
 
-    frame: str
+    frame: FrameLike
     half_length: float | None = None  # [m]
     half_width: float | None = None  # [m]
     anchor: Placement | None = None

@@ -17,7 +17,7 @@ from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.constraint import check_size
 from condyn_pin.constraints.forces import frame_jacobian
-from condyn_pin.constraints.places import set_frames, short_frames
+from condyn_pin.constraints.places import FrameLike, set_frames, short_frames
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -81,8 +81,8 @@ class SpringDamper:
         If a number is negative or not finite, or the frames are no two names.
     """
 
-    frame_a: str
-    frame_b: str
+    frame_a: FrameLike
+    frame_b: FrameLike
     stiffness: float  # [N/m]
     damping: float = 0.0  # [N s/m]
     rest_length: float = 0.0  # [m]

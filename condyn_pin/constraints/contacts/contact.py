@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from condyn_pin._core.arguments import register
-from condyn_pin.constraints.constraint import Constraint, Machine, MjcfGeomWriter
+from condyn_pin.constraints.constraint import Constraint, GivenFields, Machine, MjcfGeomWriter
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.places import short_frames
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnsupportedConstraint, unknown_name
@@ -29,7 +29,7 @@ CONTACTS: dict[str, type[Contact]] = {}
 
 
 @dataclass(frozen=True, kw_only=True)
-class Contact(ABC):
+class Contact(GivenFields, ABC):
     """Base of every contact that may open.
 
     Parameters

@@ -26,7 +26,7 @@ from condyn_pin.constraints.constraint import (
 from condyn_pin.constraints.contacts.contact import Contact, Mode
 from condyn_pin.constraints.contacts.shapes import ContactPoint, Plane, Point, Shape
 from condyn_pin.constraints.contacts.touches import BoundContact, BoundShape, Pair, PlaneContact
-from condyn_pin.constraints.places import set_frames
+from condyn_pin.constraints.places import FrameLike, set_frames
 from condyn_pin.constraints.planar_contact import PlanarContact
 from condyn_pin.constraints.point_contact import PointContact
 from condyn_pin.constraints.rolling_ball import RollingBall
@@ -75,7 +75,7 @@ class FrictionalContact(Contact):
     n points out of the ground. On a level plane t1 and t2 are the world's x and y.
     """
 
-    frame: str
+    frame: FrameLike
     shape: Shape = Point()  # noqa: RUF009  a value
     offset: Vector3 = (0.0, 0.0, 0.0)
     on: Plane | str = Plane()  # noqa: RUF009  a value
