@@ -29,7 +29,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import quoted_names, listed, short_list
+from condyn_pin._core.arguments import listed, quoted_names, short_list
 from condyn_pin._core.joints import UNLIMITED
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
@@ -204,7 +204,7 @@ class _Reader:
         said = []
         if geared:
             said.append(
-                f"reductions of transmissions ({few(geared)}): torques are those of the joints; "
+                f"reductions of transmissions ({short_list(geared)}): torques are those of the joints; "
                 "Actuation(robot, ratios={...}) has those of the motors"
             )
         if others:
