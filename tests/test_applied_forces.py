@@ -254,6 +254,28 @@ def test_forces_that_balance_are_ok():
     assert np.abs(found.a - cp.solve(scene, q, v, tau).a).max() < 1e-6
 
 
+def test_a_force_that_torques_balance_without_gravity_is_ok():
+    """Only rounding of the force moves the robot: it is compared with the force, not with a."""
+    model = chain_on("free_flyer").model
+    model.gravity = pin.Motion.Zero()
+    made = cp.Robot("in orbit", model)
+    q, v, _ = state_of(made)
+    forces = (cp.AppliedForce("tip", WRENCH),)
+    found = cp.solve(cp.Scene(made), q, 0 * v, -torque_of(made, q, forces), forces=forces)
+    assert np.abs(found.a).max() < 1e-9
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-3])
+def test_a_force_is_proved_as_its_torques_are(gap):
+    """Also where closing a loop near its singular posture may change a."""
+    bar = cp.model.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
+    scene, forces = cp.Scene(bar, bar.loops), (cp.AppliedForce("coupler_tip", [3.0, 0.0, -20.0]),)
+    q, still = np.array([0.1, -0.1, 0.1 + gap]), np.zeros(3)
+    pushed = cp.solve(scene, q, still, still, forces=forces)
+    turned = cp.solve(scene, q, still, torque_of(bar, q, forces))
+    np.testing.assert_allclose(pushed.a, turned.a, rtol=1e-9)
+
+
 def test_a_free_body_is_pushed_and_turned():
     """F = m a and T = I alpha about the centre of mass, in closed form."""
     model = pin.Model()

@@ -153,8 +153,8 @@ class Verifier:
         if residuals.dynamics <= self._estimator.negligible_dynamics_error * size:
             return True
         q, v, tau = state
-        torques = tau if load is None else tau + load.torque
-        largest = largest_torque(self._workspace.equations.terms(q, v), torques, size)
+        terms = self._workspace.equations.terms(q, v)
+        largest = largest_torque(terms, _torques(tau, load), size)
         allowed = tolerances.FORCES * max(accuracy / tolerances.SOLVED, 1.0)
         return residuals.dynamics <= (allowed - residuals.bound) * largest
 
