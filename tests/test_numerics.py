@@ -227,6 +227,44 @@ def test_a_doubtful_answer_is_judged_at_its_own_state():
     assert solution.status.ok
 
 
+def inaccurate(label: str, mu: float, iterations: int) -> tuple[cp.dynamics.Solution, float]:
+    """An answer with an error on purpose, and the error relative to a."""
+    scene, state, right = all_scenes()[label], states(label)[1], truth(label)[1]
+    solver = cp.Proximal(mu=mu * scene.nominal.delassus_norm, max_iterations=iterations)
+    solution = cp.solve(scene, *state, solver=solver, throw=False)
+    return solution, np.abs(solution.a - right.a).max() / max(np.abs(solution.a).max(), 9.81)
+
+
+@pytest.mark.parametrize("iterations", [1, 2])
+@pytest.mark.parametrize(
+    "label", ["four_bar loops", "cassie loops", "solo12 contacts", "talos foot held twice"]
+)
+def test_bound_of_an_answer_in_doubt_is_its_error(label, iterations):
+    """Relative to the exact a, which may be smaller by the error."""
+    solution, error = inaccurate(label, 1e-4, iterations)
+    assert solution.status is cp.Status.INACCURATE
+    assert solution.error_bound == pytest.approx(error / (1 - error), rel=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("label", "mu"),
+    [("four_bar loops", 1e-6), ("delta loops", 1e-8), ("talos foot held twice", 1e-8)],
+)
+def test_bound_of_a_small_error_is_that_of_the_nominal_state(label, mu):
+    """max_i w_i sqrt(m) |s|_inf / sigma, with w_j^2 = (M^-1)_jj."""
+    scene = all_scenes()[label]
+    solution, error = inaccurate(label, mu, 2)
+    terms = cp.Workspace(scene).terms(*scene.state())
+    inverse = np.linalg.inv(terms.M)
+    w = np.sqrt(inverse.diagonal())
+    S = np.linalg.svd(terms.J @ np.linalg.cholesky(inverse), compute_uv=False)
+    sigma = S[S > 1e-9 * S[0]][-1]
+    size = max(np.abs(solution.a).max(), 9.81)
+    bound = w.max() * np.sqrt(scene.rows) / sigma * solution.residuals.constraint / size
+    assert solution.status.ok
+    assert error < solution.error_bound == pytest.approx(bound, rel=0.02)
+
+
 @pytest.mark.pairs
 @pytest.mark.parametrize("constrained", [False, True])
 @pytest.mark.parametrize("distance", [1e-1, 1e-3, 1e-4, 1e-6, 1e-8, 0.0])
