@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from condyn_pin.contact import ContactProblem, ContactSets, contact_residuals, natural_residual
+from condyn_pin.contact.problem import OPEN, SLIDE, STICK, InModes
 
 MU = 0.5
 NAMES = (
@@ -217,3 +218,55 @@ def test_the_judge_projects_as_solvers_do(lam, g, friction, law):
     missed = max(missed) * stiff / speed
     rounding = 1e-14 * (np.abs(lam).max() + np.abs(d).max()) * stiff / speed
     assert natural_residual(problem, lam) == pytest.approx(missed, rel=1e-9, abs=rounding)
+
+
+@pytest.mark.parametrize("law", ["ncp", "ccp"])
+@pytest.mark.parametrize(
+    "modes",
+    [
+        [OPEN, STICK, SLIDE, SLIDE, OPEN, STICK, SLIDE],
+        [SLIDE, OPEN, STICK, SLIDE, STICK, SLIDE, STICK],
+        [STICK, SLIDE, OPEN, STICK, OPEN, SLIDE, SLIDE],
+    ],
+)
+def test_equations_of_modes_and_their_partials(modes, law):
+    """Against the laws of Coulomb, and central differences; the last cone is ice."""
+    rng, h = np.random.default_rng(0), 1e-6
+    X = rng.normal(size=(15, 15))
+    friction, limits = np.array([0.5, 0.8, 0.3, 0.0]), [0.4, 0.2]
+    problem = ContactProblem(
+        X @ X.T / 15, rng.normal(size=15), friction, half_lines=1, limits=limits, law=law
+    )
+    lam, modes = rng.normal(size=15), np.array(modes)
+    found = InModes(problem, modes).at(lam)
+    sigma = problem.velocities(lam)
+    for i, mode in enumerate(modes):
+        rows = slice(3 * i, 3 * i + 3) if i < 4 else 8 + i
+        left, l, s = found.left[rows], lam[rows], sigma[rows]  # noqa: E741  of the equations
+        if mode == OPEN:
+            right = l
+        elif mode == STICK and i != 3:
+            right = s
+        elif i < 4:  # of the normals of a ccp, what slides lifts off
+            slip = np.hypot(s[0], s[1])
+            lift = friction[i] * slip if law == "ccp" else 0.0
+            right = [*(l[:2] + friction[i] * l[2] * s[:2] / slip), s[2] - lift]
+        else:
+            right = l + limits[i - 5] * np.sign(s)
+        np.testing.assert_allclose(left, right, rtol=0.0, atol=1e-14)
+
+    def slope(made):
+        """Central difference of what is left, where made(+-h) is a problem and impulses."""
+        one, two = (InModes(of, modes).at(at).left for of, at in (made(h), made(-h)))
+        return (one - two) / (2 * h)
+
+    for unit, column, force in zip(
+        np.eye(15), found.by_sigma.T, (found.by_sigma @ problem.G + found.by_lam).T, strict=True
+    ):
+        by_g = slope(lambda x, unit=unit: (problem.replaced(g=problem.g + x * unit), lam))
+        by_lam = slope(lambda x, unit=unit: (problem, lam + x * unit))
+        np.testing.assert_allclose(by_g, column, rtol=0.0, atol=1e-8)
+        np.testing.assert_allclose(by_lam, force, rtol=0.0, atol=1e-8)
+    for unit, column in zip(np.eye(4)[:3], found.by_friction.T, strict=False):
+        by_mu = slope(lambda x, unit=unit: (problem.replaced(friction=friction + x * unit), lam))
+        np.testing.assert_allclose(by_mu, column, rtol=0.0, atol=1e-8)

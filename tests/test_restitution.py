@@ -179,6 +179,33 @@ def test_a_ball_rebounds_as_by_newtons_law_to_the_bit() -> None:
     assert_allclose(ends[0][2] * 1.0, 1.6, atol=0.1)
 
 
+@pytest.mark.parametrize(
+    ("stiff", "slip", "turns"),
+    [
+        ((3.5, 3.5), (0.6, 0.8), False),  # a ball
+        ((3.5, 2.0), (1.0, 0.0), False),
+        ((3.5, 2.0), (0.0, 1.0), False),
+        ((3.5, 2.0), (0.6, 0.8), True),
+    ],
+)
+def test_newtons_law_answers_where_slip_keeps_its_direction(
+    stiff: tuple[float, float], slip: tuple[float, float], turns: bool
+) -> None:
+    problem = ContactProblem(np.diag([*stiff, 1.0]), (*slip, -1.0), [0.2])
+    assert Energetic().strike(problem, np.array([0.8])).apart.tolist() == [turns]
+
+
+@pytest.mark.parametrize("law", [Energetic(), Poisson()])
+@pytest.mark.parametrize("angle", [0.4, 1.5, 3.0])
+def test_impulses_turn_with_the_axes_of_the_contact(law: RestitutionLaw, angle: float) -> None:
+    rod, e = leaning_rod(), np.array([0.7])
+    Q = pin.rpy.rpyToMatrix(0.0, 0.0, angle)
+    turned = ContactProblem(Q @ rod.G @ Q.T, Q @ rod.g, rod.friction)
+    lam = law.strike(rod, e).lam
+    assert lam[2] > 0
+    assert_allclose(law.strike(turned, e).lam, Q @ lam, atol=1e-9)
+
+
 @pytest.mark.parametrize("offset", [(0.0, 0.0, -0.5), (0.0, 0.0, -0.01)])
 def test_derivatives_of_an_impact(offset: tuple[float, float, float]) -> None:
     """Also where Newton's law gives the same at this very state: below the centre of mass."""
