@@ -7,8 +7,9 @@
 
 A comparison is turned, + and - change places, a constant is another one, what is returned has the
 other sign, or a statement is left out. The same seed gives the same mutants of the same source.
-Each runs in a copy of the package, with the tests of its room until the first fails: those of
-`ROOMS`, without `--long`. A mutant that takes ten times as long as the library is found, too.
+Each runs in a copy of the package, with the tests of its room that call its function: those of
+`ROOMS`, without `--long`, the fastest first, until one fails or they took `SECONDS`. A mutant that
+takes ten times as long as the library is found, too.
 A survivor may be equivalent: then the line can often be simpler.
 """
 
@@ -16,20 +17,28 @@ from __future__ import annotations
 
 import argparse
 import ast
+import multiprocessing
 import os
 import random
 import shutil
-import subprocess
 import sys
 import tempfile
 import time
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
+from multiprocessing.connection import Connection
 from pathlib import Path
+from types import FrameType
+from typing import NamedTuple
+
+import pytest
 
 ROOT = Path(__file__).parent.parent
 PACKAGE = "condyn_pin"
+
+SECONDS = 20.0  # tests of one mutant take, without the mistake
 
 
 @dataclass(frozen=True)
@@ -48,12 +57,15 @@ ROOMS = [
     Room("dynamics/proof.py", 30, "solution numerics weights contract"),
     Room("dynamics/residuals.py", 30, "solution numerics weights contract"),
     Room("dynamics/digits.py", 30, "digits mechanisms variants"),
-    Room("constraints/rows/redundancy.py", 30, "scene solvers extremes derivatives"),
+    Room("constraints/rows/redundancy.py", 30, "scene solvers extremes derivatives open_states"),
     Room("constraints/contacts/*.py", 40, "contacts contact_pairs steppers"),
     Room("constraints/**/*.py", 60, "constraints equations derivatives contract"),
     Room("dynamics/derivatives/*.py", 40, "derivatives open_states"),
     Room("dynamics/**/*.py", 60, "solution solvers numerics contract"),
-    Room("contact/**/*.py", 70, "cones contact_residuals contact_solvers restitution"),
+    Room("mechanism/rank.py", 10, "diagnosis"),
+    Room("simulation/motion_status.py", 10, "motion_status"),
+    Room("contact/residuals.py", 10, "contact_residuals cones"),
+    Room("contact/**/*.py", 60, "cones contact_residuals contact_solvers restitution"),
     Room("stepping/**/*.py", 50, "steppers step_closings event_driven contact_work"),
     Room("gradients/**/*.py", 30, "routes step_derivatives_batch"),
     Room("control/**/*.py", 50, "control control_by_hand qp inverse operational balance standing"),
@@ -73,6 +85,7 @@ class Mutant:
 
     file: Path  # below condyn_pin/
     line: int
+    function: int  # first line of the function
     start: int  # of the node, in bytes of the file
     end: int
     old: str
@@ -94,25 +107,26 @@ def mutants_of(package: Path, file: Path) -> Iterator[Mutant]:
     for line in source.splitlines(keepends=True):
         lines.append(lines[-1] + len(line))
 
-    for old, new in replacements(ast.parse(source)):
+    for function, old, new in replacements(ast.parse(source)):
         start = lines[old.lineno - 1] + old.col_offset
         end = lines[old.end_lineno - 1] + old.end_col_offset
-        yield Mutant(file, old.lineno, start, end, source[start:end].decode(), new)
+        yield Mutant(file, old.lineno, function, start, end, source[start:end].decode(), new)
 
 
-def replacements(tree: ast.Module) -> Iterator[tuple[ast.AST, str]]:
-    """Nodes of the bodies of functions, and what may stand in their place."""
+def replacements(tree: ast.Module) -> Iterator[tuple[int, ast.AST, str]]:
+    """First line of a function, a node of its body, and what may stand in the place of the node."""
     for function in ast.walk(tree):
         if isinstance(function, ast.FunctionDef):
             is_bool = isinstance(function.returns, ast.Name) and function.returns.id == "bool"
+            first = min(node.lineno for node in (function, *function.decorator_list))
             for statement in function.body:
                 for node in below(statement):
-                    yield from ((node, text) for text in other_texts(node, is_bool))
+                    yield from ((first, node, text) for text in other_texts(node, is_bool))
 
 
 def below(node: ast.AST) -> Iterator[ast.AST]:
-    """A node and all below it, but for messages, annotations and functions of their own."""
-    if isinstance(node, SKIPPED):
+    """A node and all below it, but for messages, checks, annotations and functions of their own."""
+    if isinstance(node, SKIPPED) or (isinstance(node, ast.keyword) and node.arg == "strict"):
         return
     yield node
     for name, child in ast.iter_fields(node):
@@ -154,60 +168,118 @@ def chosen(seed: int) -> list[tuple[Room, list[Mutant]]]:
     return of_rooms
 
 
+class Called(NamedTuple):
+    """A test that passes, and the functions of the package that it calls."""
+
+    test: str
+    seconds: float
+    functions: set[tuple[str, int]]  # file below condyn_pin/, first line
+
+
+class Calls:
+    """Plugin of pytest that looks at the functions of a package."""
+
+    def __init__(self, package: Path) -> None:
+        self.package = f"{package}{os.sep}"
+        self.of_tests: list[Called] = []
+
+    @pytest.hookimpl(wrapper=True)
+    def pytest_runtest_protocol(self, item: pytest.Item) -> Iterator[None]:
+        functions = set()
+
+        def trace(frame: FrameType, event: str, argument: object) -> None:
+            code = frame.f_code
+            if code.co_filename.startswith(self.package):
+                file = code.co_filename.removeprefix(self.package)
+                functions.add((file, code.co_firstlineno))
+
+        start = time.monotonic()
+        sys.settrace(trace)
+        try:
+            return (yield)
+        finally:
+            sys.settrace(None)
+            test = f"{item.path}{item.nodeid[item.nodeid.find('::') :]}"
+            self.of_tests.append(Called(test, time.monotonic() - start, functions))
+
+
+def pytest_run(tests: list[str], package: Path, calls: Connection | None) -> None:
+    """Exit with the status of tests; calls gets what they call."""
+    sys.stdout = sys.stderr = open(os.devnull, "w")  # noqa: SIM115
+    sys.path.insert(0, str(package.parent))
+    sys.dont_write_bytecode = calls is None  # that of mutants is kept nowhere
+    plugins = [Calls(package)] if calls else []
+    options = ["-q", "-x", "-p", "no:cacheprovider", "-c", str(ROOT / "pyproject.toml")]
+    status = pytest.main([*options, *tests], plugins)
+    if calls:
+        calls.send(plugins[0].of_tests)
+    os._exit(status)
+
+
 class Copy:
     """A copy of the package that tests import, with one file at a time changed."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
-        without = shutil.ignore_patterns("__pycache__")
-        shutil.copytree(ROOT / PACKAGE, folder / PACKAGE, ignore=without)
+        self.package = folder / PACKAGE
+        shutil.copytree(ROOT / PACKAGE, self.package, ignore=shutil.ignore_patterns("__pycache__"))
         (folder / "robots").symlink_to(ROOT / "robots")
+        os.environ["PYTHONPATH"] = str(folder)
+        os.chdir(folder)
+        # Runs are forks of a process that has imported what does not change.
+        self.processes = multiprocessing.get_context("forkserver")
+        self.processes.set_forkserver_preload(["pytest", "scipy.linalg", "pinocchio"])
 
-    def fails(self, tests: str, limit: float | None = None) -> bool:
-        """Whether a test fails, or all are not through after limit [s]."""
-        files = [str(ROOT / "tests" / f"test_{name}.py") for name in tests.split()]
-        options = ["-q", "-x", "-p", "no:cacheprovider", "-c", str(ROOT / "pyproject.toml")]
-        environment = {"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1"}
-        try:
-            run = subprocess.run(
-                [sys.executable, "-m", "pytest", *options, *files], timeout=limit,
-                cwd=self.folder, env=os.environ | environment, capture_output=True, check=False,
-            )  # fmt: skip
-        except subprocess.TimeoutExpired:
-            return True
-        return run.returncode != 0
+    def called(self, names: str) -> list[Called]:
+        """Tests in files of these names, the fastest first."""
+        files = [str(ROOT / "tests" / f"test_{name}.py") for name in names.split()]
+        here, there = self.processes.Pipe(duplex=False)
+        run = self.processes.Process(target=pytest_run, args=(files, self.package, there))
+        run.start()
+        there.close()
+        of_tests = here.recv()
+        run.join()
+        if run.exitcode:
+            sys.exit(f"tests fail without a mistake: {names}")
+        return sorted(of_tests, key=lambda one: one.seconds)
 
-    def is_found(self, mutant: Mutant, tests: str, limit: float) -> bool:
-        """Whether tests see the mistake."""
-        path = self.folder / PACKAGE / mutant.file
+    def is_found(self, mutant: Mutant, of_tests: list[Called]) -> bool:
+        """Whether one of the tests that call its function fails, or takes too long."""
+        tests, seconds = [], 0.0
+        for one in of_tests:
+            if (str(mutant.file), mutant.function) in one.functions and seconds < SECONDS:
+                tests.append(one.test)
+                seconds += one.seconds
+        if not tests:
+            return False
+        path = self.package / mutant.file
         source = path.read_bytes()
         path.write_bytes(mutant.applied(source))
         try:
-            return self.fails(tests, limit)
+            run = self.processes.Process(target=pytest_run, args=(tests, self.package, None))
+            run.start()
+            run.join(10 * seconds + 30)
+            run.kill()
+            run.join()
+            return run.exitcode != 0
         finally:
             path.write_bytes(source)
 
 
 def run(of_rooms: list[tuple[Room, list[Mutant]]]) -> None:
     """Print survivors as they are found, and the share of each room that was not."""
-    found, all_of = Counter(), Counter()
+    found: Counter[str] = Counter()
     with tempfile.TemporaryDirectory() as folder:
         copy = Copy(Path(folder))
+        called = cache(copy.called)
         for room, mutants in of_rooms:
-            if not mutants:
-                continue
-            start = time.monotonic()
-            if copy.fails(room.tests):
-                sys.exit(f"the tests of {room.files} fail without a mistake: {room.tests}")
-            limit = 10 * (time.monotonic() - start) + 30
             for mutant in mutants:
-                all_of[room.files] += 1
-                if copy.is_found(mutant, room.tests, limit):
+                if copy.is_found(mutant, called(room.tests)):
                     found[room.files] += 1
                 else:
                     print(f"survived: {mutant}", flush=True)
-            print(f"{room.files}: {found[room.files]} of {all_of[room.files]} found", flush=True)
-    print(f"in all: {found.total()} of {all_of.total()} found")
+            if mutants:
+                print(f"{room.files}: {found[room.files]} of {len(mutants)} found", flush=True)
+    print(f"in all: {found.total()} of {sum(len(mutants) for _, mutants in of_rooms)} found")
 
 
 def main() -> None:
@@ -215,10 +287,13 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--sample", type=int, help="how many of all rooms together")
-    parser.add_argument("--room", default="", help="a part of the pattern of files")
+    parser.add_argument("--room", default="", help="a part of the name of a file")
     parser.add_argument("--list", action="store_true", help="print them, run none")
     given = parser.parse_args()
-    of_rooms = [(room, found) for room, found in chosen(given.seed) if given.room in room.files]
+    of_rooms = [
+        (room, [mutant for mutant in found if given.room in str(mutant.file)])
+        for room, found in chosen(given.seed)
+    ]
     if given.sample:
         total = sum(len(mutants) for _, mutants in of_rooms)
         share = given.sample / total

@@ -37,7 +37,7 @@ def root(x: float) -> float:
 def is_even(n: int) -> bool:
     return n % 2 == 0
 """
-    texts = [(ast.unparse(node), text) for node, text in mutants.replacements(ast.parse(source))]
+    texts = [(ast.unparse(node), text) for _, node, text in mutants.replacements(ast.parse(source))]
     assert texts == [
         ("x < 0.0", "(x >= 0.0)"),
         ("0.0", "1.0"),
