@@ -225,6 +225,9 @@ def test_an_open_loop_shows_in_the_state_error():
     assert solution.doubt > 0.1
     assert solution.status is cp.Status.INACCURATE  # no a belongs to that state
     assert any("singular posture" in notice for notice in solution.notices)
+    with pytest.raises(cp.SolveFailed, match="inaccurate: closing the loops") as failed:
+        cp.solve(scene, q, np.ones(3), np.zeros(3))
+    assert "would pass" not in str(failed.value)
     word = cp.Scene(replace(bar, precision=0.0), bar.loops)
     assert cp.solve(word, q, np.ones(3), np.zeros(3)).status.ok
 

@@ -244,8 +244,8 @@ def _axis_defect(
     pairs = [pair for pair in _pairs(axes) if _EXACT < pair[3] < _AS_FAR * gap]
     hinge = bound.hinge_axis
     if planar and hinge is not None and not pairs:
-        frames = frames[::-1] if bound.sign < 0 else frames
-        own = [(f, c.rotation[:, hinge], True) for f, c in zip(frames, ends, strict=True)]
+        there = zip(frames[:: int(bound.sign)], ends, strict=True)
+        own = [(frame, end.rotation[:, hinge], True) for frame, end in there]
         pairs = [pair for pair in _pairs([*axes, *own]) if _EXACT < pair[3] < _AS_FAR * gap]
     if pairs:
         one, other, how, off = max(pairs, key=lambda pair: round(pair[3], 9))

@@ -161,7 +161,7 @@ class Verifier:
     def passing_accuracy(self, solution: Solution, state: State, load: Load | None) -> float | None:
         """Least power of ten which as `accuracy` lets an answer pass, if any does."""
         residuals = solution.residuals
-        if solution.status is not Status.INACCURATE or solution.doubt >= tolerances.DOUBT:
+        if solution.status is not Status.INACCURATE:
             return None
         largest = float(np.abs(solution.a).max())
         for accuracy in tolerances.ADVISED_ACCURACIES:

@@ -154,10 +154,8 @@ class ErrorEstimator:
 
         Twice as much, for it is that at the nominal state.
         """
-        if not self.leaning:
-            return 0.0, 0.0
-        P = np.zeros_like(self.cancellation)
-        P[self.leaning] = 2.0 * _EPS * self.cancellation[self.leaning]
+        P, leaning = np.zeros_like(self.cancellation), list(self.leaning)
+        P[leaning] = 2.0 * _EPS * self.cancellation[leaning]
         moved, pushed = self.factors.moved(P.sum(axis=1)), self.factors.pushed(P.sum(axis=0))
         return float(moved.max()), float(pushed.max())
 

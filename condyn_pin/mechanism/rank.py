@@ -361,7 +361,7 @@ def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
         v_ = finite("v", v, model.nv)
         J, rate = kept_rows(scene, equations.jacobian(q_), -equations.wanted[1])
         velocities = constraint_velocities(scene, J @ v_ + rate)
-        speed = max(1.0, float(np.abs(v_).max(initial=0.0)))
+        speed = float(np.abs(v_).max(initial=1.0))
         if any(each.size > tolerances.CONSISTENT * speed for each in velocities.values()):
             excused = rounding(scene, q_, v_)
     c = equations.violation(q_)
