@@ -232,6 +232,19 @@ def test_an_open_loop_shows_in_the_state_error():
     assert cp.solve(word, q, np.ones(3), np.zeros(3)).status.ok
 
 
+@pytest.mark.parametrize("held", [False, True])
+def test_at_rest_without_gravity_zero_is_the_answer(held):
+    """An error relative to nothing is none."""
+    bar = cp.model.four_bar()
+    model = pin.Model(bar.model)
+    model.gravity = pin.Motion.Zero()
+    scene = cp.Scene(replace(bar, model=model), bar.loops if held else ())
+    q, v = scene.state()
+    solution = cp.solve(scene, q, 0 * v, 0 * v)
+    assert not solution.a.any()
+    assert solution.error_bound < 1e-13
+
+
 def test_the_bound_does_not_depend_on_the_accuracy_asked_for():
     bar = cp.model.four_bar()
     scene = cp.Scene(bar, [cp.PointContact("coupler_tip")])

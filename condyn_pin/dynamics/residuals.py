@@ -140,7 +140,7 @@ class ErrorEstimator:
     @cached_property
     def constraint_rounding(self) -> float:
         """Rounding of J a, relative to the largest of a [1]."""
-        return _EPS * float(self.cancellation.sum(axis=1).max(initial=0.0))
+        return _EPS * float(self.cancellation.sum(axis=1).max())
 
     @cached_property
     def force_rounding(self) -> float:
@@ -246,14 +246,16 @@ class ErrorEstimator:
         Everything is where all rows are rounding, also a residual of nothing, and where joints
         are so light that rounding of J^T lam shakes them.
         """
-        if self.force_rounding > tolerances.SOLVED:
-            return -1.0
-        if len(self.cancellation) and not _CLEAR * self.blur < self.sigma < inf:
-            return -1.0
+        if not len(self.cancellation):
+            return inf
         scale = self.largest_weight * self.per_row
-        if scale * self.constraint_rounding > tolerances.SOLVED / 10:  # s = 0 says nothing
+        if (
+            self.force_rounding > tolerances.SOLVED
+            or not _CLEAR * self.blur < self.sigma < inf
+            or scale * self.constraint_rounding > tolerances.SOLVED / 10  # s = 0 says nothing
+        ):
             return -1.0
-        return tolerances.SOLVED / 1000 / self.gain if self.gain else inf
+        return tolerances.SOLVED / 1000 / self.gain
 
     @cached_property
     def gain(self) -> float:
