@@ -404,7 +404,7 @@ def _continuum(
     if not slides.any() or not _may_be_redundant(problem, modes):
         return None
     small, unit = normalised(problem)
-    lam_at_end, _ = newton(small, np.asarray(lam / unit), _POLISH)
+    lam_at_end = newton(small, np.asarray(lam / unit), _POLISH).lam
     equations = InModes(small, modes).at(lam_at_end)
     A = equations.by_sigma.dot(small.G) + equations.by_lam
     if not np.isfinite(A).all():

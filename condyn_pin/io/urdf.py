@@ -204,7 +204,7 @@ class _Reader:
         said = []
         if geared:
             said.append(
-                f"reductions of transmissions ({short_list(geared)}): torques are those of the joints; "
+                f"reductions of transmissions ({short_list(geared)}): torques are of the joints; "
                 "Actuation(robot, ratios={...}) has those of the motors"
             )
         if others:

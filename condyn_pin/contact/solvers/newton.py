@@ -18,7 +18,8 @@ from condyn_pin.contact.problem import ContactProblem, island_of, normalised
 from condyn_pin.contact.residuals import infeasible_contacts, natural_residual
 from condyn_pin.contact.solvers.contact_solver import (
     BUDGET,
-    FACTORISED,
+    EVALUATIONS,
+    FACTORISATION,
     FIRST_ORDER,
     PIVOTS,
     ContactSolver,
@@ -50,9 +51,6 @@ _LONGEST = 1_000_000
 # Contacts that contradict each other by more than this, relative, are not tried any longer.
 _HOPELESS = 1e-3
 
-# Convex problems of the last method, and slips that no longer change [1].
-_CONVEX, _SAME = 100, 1e-6
-
 
 @dataclass(frozen=True)
 class SemismoothNewton(ContactSolver):
@@ -69,9 +67,9 @@ class SemismoothNewton(ContactSolver):
         Newton steps from each starting point. Solo12 on four feet takes two to five, a stack of
         boxes with fifty contacts forty.
     budget : int
-        What other starts may cost together, in ordinary solves: ten steps with a factorisation, or
-        a thousand iterations of first order, each. Without an answer by then the status is
-        `out_of_budget`.
+        What other starts may cost together, in ordinary solves: 70 evaluations of F, of which a
+        derivative with its factorisation counts as six, or 500 iterations of first order, each.
+        Without an answer by then the status is `out_of_budget`.
 
     Raises
     ------
@@ -82,11 +80,11 @@ class SemismoothNewton(ContactSolver):
     -----
     Cost O(m^3) a step, a singular value decomposition. Where it stalls, as with large friction or
     friction that locks bodies (Painlevé), it starts again. In an ncp: from the answer of Lemke's
-    method for polygons, with more corners along the sliding directions each time; from a fixed
-    point of ccps, each with the sliding speeds |sigma_t| of the one before in its g; and from what
-    `PGS` finds, contact by contact. In a ccp: by the proximal point method, with a penalty on the
-    distance from the answer before that falls tenfold each time, and rises tenfold where Newton's
-    method stalls.
+    method for polygons, with more corners along the sliding directions each time; from what `PGS`
+    finds, contact by contact; and from a fixed point of ccps, each with the sliding speeds
+    |sigma_t| of the one before in its g. In a ccp: by the proximal point method, with a penalty on
+    the distance from the answer before that falls tenfold each time, and rises tenfold where
+    Newton's method stalls.
 
     References
     ----------
@@ -133,13 +131,8 @@ def refine(problem: ContactProblem, start: Array | None, max_iterations: int) ->
     begin = np.zeros(problem.rows)
     if start is not None and np.isfinite(start).all():
         begin = np.asarray(start / unit)
-    lam, steps = newton(small, begin, max_iterations)
-    return factorised(lam * unit, steps, SemismoothNewton.title)
-
-
-def factorised(lam: Array, steps: int, title: str) -> SolverResult:
-    """Return impulses found by steps with a factorisation each."""
-    return SolverResult(lam, steps, (title,), cost=steps / FACTORISED)
+    end = newton(small, begin, max_iterations)
+    return end._replace(lam=end.lam * unit)
 
 
 def of_first_order(lam: Array, iterations: int, title: str) -> SolverResult:
@@ -181,15 +174,12 @@ def restarts(
         if cheap:
             for found in _polygons(problem, found, max_iterations, budget):  # noqa: B020
                 yield found
-        most = int(FACTORISED * (budget - found.cost))
-        lam, iterations = _fixed_point(small, max_iterations, most)
-        found = factorised(lam * unit, iterations, "fixed point").after(found)
     else:
-        for lam, iterations in _proximal(small, max_iterations):
-            found = factorised(lam * unit, iterations, "proximal point").after(found)
+        for end in _proximal(small, max_iterations):
+            found = end._replace(lam=end.lam * unit, path=("proximal point",)).after(found)
             yield found
-    found = refine(problem, found.lam, max_iterations).after(found)
-    yield found
+        found = refine(problem, found.lam, max_iterations).after(found)
+        yield found
     if infeasible_contacts(problem, _HOPELESS):
         return
     for method in (_gauss_seidel, _long_directions, _convex_problems):
@@ -226,8 +216,8 @@ def _convex_problems(problem: ContactProblem, left: float) -> SolverResult | Non
     if problem.law != "ncp":
         return None
     small, unit = normalised(problem)
-    lam, steps = cadoux(small, _at_most(FACTORISED * left, _LONGEST))
-    return factorised(lam * unit, steps, "convex problems")
+    end = cadoux(small, left)
+    return end._replace(lam=end.lam * unit)
 
 
 def _at_most(affordable: float, most: int) -> int:
@@ -250,33 +240,16 @@ def _polygons(
             yield found
 
 
-def _proximal(problem: ContactProblem, max_iterations: int) -> Iterator[tuple[Array, int]]:
+def _proximal(problem: ContactProblem, max_iterations: int) -> Iterator[SolverResult]:
     """Yield answers of a normalised ccp that cost R / 2 |lam - the one before|^2 more."""
     lam, R, one = np.zeros(problem.rows), _SOFTEST, np.eye(problem.rows)
     for _ in range(_PROXIMAL):
         softer = problem.replaced(G=problem.G + R * one, g=problem.g - R * lam)
-        reached, steps = newton(softer, lam, max_iterations)
-        solved = natural_residual(softer, reached) <= tolerances.CONTACT_SOLVED
+        reached = newton(softer, lam, max_iterations)
+        solved = natural_residual(softer, reached.lam) <= tolerances.CONTACT_SOLVED
         R = max(R * _HARDER, _HARDEST) if solved else R / _HARDER
-        lam = reached if solved else lam
-        yield lam, steps
-
-
-def _fixed_point(problem: ContactProblem, max_iterations: int, most: int) -> tuple[Array, int]:
-    """Return the answer of a normalised ncp, as that of convex problems whose slips are known."""
-    slips, lam, iterations = np.zeros(len(problem.friction)), np.zeros(problem.rows), 0
-    cones = problem.sets.parts[0]
-    for _ in range(_CONVEX):
-        g = problem.g.copy()
-        g[2 : cones.stop : 3] += problem.friction * slips
-        convex = problem.replaced(g=g, law="ccp")
-        lam, steps = newton(convex, lam, max_iterations)
-        iterations += steps
-        S = problem.velocities(lam)[cones].reshape(-1, 3)
-        before, slips = slips, np.hypot(S[:, 0], S[:, 1])
-        if iterations >= most or not np.abs(slips - before).max(initial=0.0) > _SAME:
-            break
-    return lam, iterations
+        lam = reached.lam if solved else lam
+        yield reached._replace(lam=lam)
 
 
 # Newton's method on the natural map of a normalised contact problem.
@@ -310,10 +283,10 @@ _ALONG: Final = 0.5
 _BEHIND: Final = 1e-3
 
 
-def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> tuple[Array, int]:
-    """Impulses and steps at the end of Newton's method on a normalised problem."""
+def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> SolverResult:
+    """Impulses, steps and cost at the end of Newton's method on a normalised problem."""
     steps, slips, point = 0, 0, _natural_map(problem, lam)
-    best, least = lam, point.size
+    best, least, work = lam, point.size, 1  # [evaluations]
     while steps < max_iterations and isfinite(point.size):
         largest, size = (float(np.abs(each).max(initial=0.0)) for each in (point.F, lam))
         if largest <= _ROUNDING * max(1.0, size):
@@ -323,16 +296,17 @@ def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> tuple[Ar
         if step is None:
             break
         steps += 1
-        moved = _descend(problem, lam, step, point)
+        moved, tried = _descend(problem, lam, step, point)
+        work += FACTORISATION + tried
         if moved is None and slips < _SLIPS:
-            slips += 1
+            slips, work = slips + 1, work + FACTORISATION
             moved = _until_one_changes(problem, lam, point, D)
         if moved is None:
             break
         lam, point = moved
         if point.size < least:
             best, least = lam, point.size
-    return best, steps
+    return SolverResult(best, steps, (SemismoothNewton.title,), cost=work / EVALUATIONS)
 
 
 class _Point(NamedTuple):
@@ -354,16 +328,16 @@ def _smallest_step(D: Array, F: Array) -> Array | None:
 
 def _descend(
     problem: ContactProblem, lam: Array, step: Array, point: _Point
-) -> tuple[Array, _Point] | None:
-    """Return the first of lam + step, + step/2, ... with a smaller residual."""
+) -> tuple[tuple[Array, _Point] | None, int]:
+    """Return the first of lam + step, + step/2, ... with a smaller residual, and its number."""
     share = 1.0
-    for _ in range(_HALVINGS):
+    for tried in range(1, _HALVINGS + 1):
         there = lam + share * step
         reached = _natural_map(problem, there)
         if reached.size < (1 - 1e-4 * share) * point.size:
-            return there, reached
+            return (there, reached), tried
         share /= 2
-    return None
+    return None, _HALVINGS
 
 
 def _until_one_changes(
@@ -453,9 +427,9 @@ def _dual_derivative(problem: ContactProblem, S: Array) -> Array:
 # Optimization 14, 1976.
 
 
-# Steps of all, proximal points of a convex problem, and steps to each point, at most: boxes on
-# their corners take 70 to 180, and what has not been found by 500 is not found.
-_ALL, _POINTS, _CADOUX_STEPS = 500, 15, 50
+# Convex problems, proximal points of each, and steps to a point, at most: boxes on their corners
+# take 70 to 180 steps.
+_CONVEX, _POINTS, _CADOUX_STEPS = 100, 15, 50
 
 # R of the first point, in units of G, what it shrinks by, and its least.
 _CADOUX_SOFTEST, _CADOUX_HARDER, _CADOUX_HARDEST = 1e-3, 0.1, 1e-5
@@ -464,37 +438,37 @@ _CADOUX_SOFTEST, _CADOUX_HARDER, _CADOUX_HARDEST = 1e-3, 0.1, 1e-5
 _POINT, _SOLVED, _ANSWERED = 1e-9, 1e-11, 1e-9
 
 
-def cadoux(problem: ContactProblem, most: int = _ALL) -> tuple[Array, int]:
-    """Return impulses (m,) of a normalised ncp, and how many steps it took, `most` if not fewer."""
+def cadoux(problem: ContactProblem, budget: float) -> SolverResult:
+    """Return impulses (m,) of a normalised ncp, for no more than about the budget."""
     cones = problem.sets.parts[0]
-    slips, lam, steps = np.zeros(len(problem.friction)), np.zeros(problem.rows), 0
-    while steps < min(most, _ALL):
+    slips = np.zeros(len(problem.friction))
+    found = SolverResult(np.zeros(problem.rows), 0, ("convex problems",))
+    for _ in range(_CONVEX):
         g = problem.g.copy()
         g[2 : cones.stop : 3] += problem.friction * slips
-        lam, taken = _convex(problem.replaced(g=g, law="ccp"), lam, min(most, _ALL) - steps)
-        steps += max(taken, 1)
-        if natural_residual(problem, lam) <= _ANSWERED:
+        found = _convex(problem.replaced(g=g, law="ccp"), found, budget)
+        if found.cost >= budget or natural_residual(problem, found.lam) <= _ANSWERED:
             break
-        S = problem.velocities(lam)[cones].reshape(-1, 3)
+        S = problem.velocities(found.lam)[cones].reshape(-1, 3)
         slips = np.hypot(S[:, 0], S[:, 1])
-    return lam, steps
+    return found
 
 
-def _convex(problem: ContactProblem, lam: Array, most: int) -> tuple[Array, int]:
-    """Return impulses of a normalised ccp from lam, and how many steps it took."""
+def _convex(problem: ContactProblem, found: SolverResult, budget: float) -> SolverResult:
+    """Return impulses of a normalised ccp from those of the one before."""
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
-    R, steps = _CADOUX_SOFTEST, 0
+    R = _CADOUX_SOFTEST
     for _ in range(_POINTS):
-        if steps >= most or natural_residual(problem, lam) <= _SOLVED:
+        if found.cost >= budget or natural_residual(problem, found.lam) <= _SOLVED:
             break
+        lam = found.lam
         centred = problem.replaced(G=G, R=np.full(len(lam), R), g=problem.g - R * lam)
-        end = SAP(min(_CADOUX_STEPS, most - steps)).attempt(centred, lam)
-        steps += end.iterations
-        if natural_residual(centred, end.lam) <= _POINT:
-            lam, R = end.lam, max(R * _CADOUX_HARDER, _CADOUX_HARDEST)
-        else:
-            R /= _CADOUX_HARDER
-    return lam, steps
+        # a step with its search costs one ordinary solve, or two
+        end = SAP(_at_most(budget - found.cost, _CADOUX_STEPS)).attempt(centred, lam)
+        solved = natural_residual(centred, end.lam) <= _POINT
+        R = max(R * _CADOUX_HARDER, _CADOUX_HARDEST) if solved else R / _CADOUX_HARDER
+        found = end._replace(lam=end.lam if solved else lam, path=found.path).after(found)
+    return found
 
 
 # Contact problems of some contacts, and of those that go through the answer of these.

@@ -12,7 +12,12 @@ import numpy as np
 from condyn_pin._core.arguments import check_iterations
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem, ContactSets, Law
-from condyn_pin.contact.solvers.contact_solver import ContactSolver, SolverResult
+from condyn_pin.contact.solvers.contact_solver import (
+    EVALUATIONS,
+    FACTORISATION,
+    ContactSolver,
+    SolverResult,
+)
 from condyn_pin.errors import InvalidArgument
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -72,7 +77,7 @@ class SAP(ContactSolver):
 
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> SolverResult:
         """Return the minimum, from `guess` or from no impulses."""
-        function = _Function(problem)
+        function, work = _Function(problem), 1  # [evaluations]
         x = np.zeros(problem.rows) if guess is None else np.array(guess)
         for steps in range(self.max_iterations + 1):
             lam = function.impulses(x)
@@ -80,12 +85,14 @@ class SAP(ContactSolver):
                 break
             # G (1 + W G) dx = -G (x - lam), with the G in front of both left out
             slope = np.eye(len(x)) + function.curvature(x) @ problem.G
+            work += FACTORISATION
             try:
                 dx = np.asarray(np.linalg.solve(slope, lam - x))
             except np.linalg.LinAlgError:  # R is below the rounding of G: 1 + W G is W G
                 break
-            x = x + function.exact_step(x, dx) * dx
-        return SolverResult(lam, steps, (self.title,))
+            share, tried = function.exact_step(x, dx)
+            x, work = x + share * dx, work + FACTORISATION * tried
+        return SolverResult(lam, steps, (self.title,), cost=work / EVALUATIONS)
 
     def alternatives(self, problem: ContactProblem, found: SolverResult) -> Iterator[SolverResult]:
         """Yield the minimum by way of softer problems."""
@@ -137,11 +144,11 @@ class _Function:
         rounding = _EPS * float((G @ (np.abs(lam) + y)).max(initial=0.0))
         return float(np.abs(self.G @ (x - lam)).max(initial=0.0)) <= rounding
 
-    def exact_step(self, x: Array, dx: Array) -> float:
-        """Return the share of dx that goes down the most, by Newton's method between two bounds."""
+    def exact_step(self, x: Array, dx: Array) -> tuple[float, int]:
+        """Share of dx that goes down the most, by Newton's method in bounds, and tried shares."""
         G_dx, low, high, share = self.G @ dx, 0.0, inf, 1.0
         first = abs(float(G_dx @ (x - self.impulses(x))))
-        for _ in range(_SEARCH):
+        for tried in range(1, _SEARCH + 1):  # noqa: B007
             there = x + share * dx
             lam = self.impulses(there)
             slope = float(G_dx @ (there - lam))
@@ -153,7 +160,7 @@ class _Function:
             share = share - slope / bend if bend > 0 else inf
             if not low < share < high:
                 share = 2 * low if high == inf else (low + high) / 2
-        return share
+        return share, tried
 
     def _whitened(self, x: Array) -> Array:
         return np.asarray(-(self.G @ x + self.g) / self.root)
