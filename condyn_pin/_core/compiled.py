@@ -43,12 +43,12 @@ def check_native(native: Native) -> None:
         raise InvalidArgument(f"native = {native!r}: False, True or 'where possible' is needed")
 
 
-def refuse(reasons: Iterable[str]) -> None:
-    """Raise `UnsupportedBackend` if there are reasons."""
+def refuse(reasons: Iterable[str], where_possible: str = "Native(where_possible=True)") -> None:
+    """Raise `UnsupportedBackend` if there are reasons; the argument is one with Python instead."""
     for reason in reasons:
         raise UnsupportedBackend(
             f"the compiled core does not take this: {reason}; leave it to Python, "
-            "Native(where_possible=True) does where it must"
+            f"{where_possible} does where it must"
         )
 
 

@@ -7,11 +7,10 @@ from __future__ import annotations
 
 import pickle
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor
 from contextlib import closing
 from dataclasses import dataclass, replace
-from enum import Enum
 from math import nan
 from typing import Any, ClassVar, Final, Generic, Self, TypeVar, overload
 
@@ -21,7 +20,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.arguments import check_called, check_count
 from condyn_pin._core.arrays import read_only
 from condyn_pin._core.compiled import compiled, refuse
-from condyn_pin._core.show import facts, notes, page
+from condyn_pin._core.show import Outcome, facts, notes, page
 from condyn_pin._core.work import (
     CAN_SHARE,
     Arrays,
@@ -86,6 +85,10 @@ class Verb(ABC):
         Return the rows that are left to Python, and what there is to say of others.
         """
 
+    @abstractmethod
+    def why_not(self, workspace: Any) -> Iterator[str]:
+        """Yield the reasons why the compiled core cannot do this work, in words."""
+
     def __call__(self, workspace: Any, inputs: Arrays, outputs: Arrays) -> Messages:
         """Fill the outputs row by row; return what there is to say of some."""
         said = {}
@@ -118,7 +121,6 @@ class _Compiled:
 def run(
     verb: Verb, recipe: Recipe, inputs: Arrays, kinds: Kinds, batch: Callable[[Arrays], SomeBatch],
     *, executor: Executor | Native | None, chunk: int | None, progress: Progress,
-    unsupported: Iterable[str],
 ) -> SomeBatch:  # fmt: skip
     """Return the `batch` that is made of the outputs of a verb, one row per state.
 
@@ -136,8 +138,6 @@ def run(
     executor, chunk, progress
         As the user gave them: this process by default, and a sixteenth of what is left, up to
         ``verb.most`` rows.
-    unsupported : iterable of str
-        Reasons why the compiled core cannot do the work; read where it is asked for.
 
     Raises
     ------
@@ -148,7 +148,7 @@ def run(
     """
     kernel: Kernel = verb
     if isinstance(executor, Native):
-        kernel, executor, chunk = _by_core(executor, verb, chunk, unsupported)
+        kernel, executor, chunk = _by_core(executor, verb, chunk, recipe)
     if progress is not silent:
         check_called("progress", progress, "done, total")
     if chunk is not None:
@@ -183,12 +183,12 @@ def run(
 
 
 def _by_core(
-    native: Native, verb: Verb, chunk: int | None, unsupported: Iterable[str]
+    native: Native, verb: Verb, chunk: int | None, recipe: Recipe
 ) -> tuple[Kernel, Executor | None, int | None]:
     """Kernel, executor and chunk size of a verb: the core, or Python where that may be."""
     try:
         compiled()
-        refuse(unsupported)
+        refuse(verb.why_not(recipe.workspace()))
     except (UnsupportedBackend, MissingExtra):
         if not native.where_possible:
             raise
@@ -310,7 +310,7 @@ class Batch(ABC, Generic[One]):
 class BatchResult(Batch[One]):
     """Statuses of the rows of a batch, as indices into `_endings`; 0 is ok."""
 
-    _endings: ClassVar[Sequence[Enum]]
+    _endings: ClassVar[Sequence[Outcome]]
     _row: ClassVar[str] = "state"
 
     statuses: NDArray[np.int8]
@@ -345,7 +345,7 @@ class BatchResult(Batch[One]):
 
     @property
     def _names(self) -> dict[int, str]:
-        return {MISSING: "missing"} | {i: s.name.lower() for i, s in enumerate(self._endings)}
+        return {MISSING: "missing"} | {i: s.word for i, s in enumerate(self._endings)}
 
     def _repr_html_(self) -> str:
         """HTML summary for notebooks."""

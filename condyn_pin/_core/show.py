@@ -11,6 +11,7 @@ from __future__ import annotations
 import importlib.util
 import math
 from collections.abc import Iterable, Sequence
+from enum import Enum
 from html import escape
 from itertools import compress
 from pathlib import Path
@@ -36,7 +37,29 @@ _NUMBER: Final = (
     _CELL.replace("left", "right", 1) + ";white-space:nowrap;font-variant-numeric:tabular-nums"
 )
 _TABLE: Final = "border-collapse:collapse;margin:4px 0 8px 0;background:transparent;color:inherit"
+_USABLE: Final = ("OK", "CLOSED")  # outcomes
 _FOLD: Final = 12  # rows of a table that are seen at once
+
+
+class Outcome(Enum):
+    """How an answer ended: a name, and as its value what that means and what would help."""
+
+    @property
+    def ok(self) -> bool:
+        """True if the answer can be used as it is."""
+        return self._name_ in _USABLE
+
+    @property
+    def word(self) -> str:
+        """Name in small letters, as texts, tables and files have it."""
+        return self._name_.lower()
+
+    def text_of(self, *parts: str) -> str:
+        """Name and the given causes and cures, without those that are empty."""
+        return f"{self.word}: {'; '.join(filter(None, parts))}"
+
+    def __str__(self) -> str:
+        return self.text_of(self.value)
 
 
 def page(title: str, *parts: str, ok: bool | None = None) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
 from typing import Final
 
@@ -11,6 +10,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.show import Outcome
 from condyn_pin.contact.indeterminacy import Indeterminacy, is_determined
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import ContactResiduals, contact_residuals, infeasible_contacts
@@ -35,7 +35,7 @@ _LOCKED: Final = (
 )
 
 
-class ContactStatus(Enum):
+class ContactStatus(Outcome):
     """Outcome of a contact solve; the value is advice."""
 
     OK = "the impulses meet the law of the problem to the accuracy asked for"
@@ -48,27 +48,17 @@ class ContactStatus(Enum):
     NOT_FINITE = f"{_NOT_FINITE}; {_NEWTON}, or in other units"
     OUT_OF_BUDGET = f"{_STOPPED}: raise it, ADMM(budget=1000); {_LOCKED}"
 
-    @property
-    def ok(self) -> bool:
-        """True if the answer can be used as it is."""
-        return self is ContactStatus.OK
-
-    def __str__(self) -> str:
-        return f"{self.name.lower()}: {self.value}"
-
     def text(self, tried: str, more: str = "") -> str:
         """Name and cause, and cures but for the solver that was `tried`; `more` is one of them."""
         newton = "" if tried == "SemismoothNewton" else _NEWTON
         if self is ContactStatus.INACCURATE:
             why = _POLYGON if tried == "Lemke" else _LOCKED
-            parts = [_INACCURATE, "allow more iterations", newton, more, why]
-        elif self is ContactStatus.NOT_FINITE:
-            parts = [_NOT_FINITE, newton, "use other units"]
-        elif self is ContactStatus.OUT_OF_BUDGET:
-            parts = [_STOPPED, f"raise it, {tried}(budget=1000)", more, _LOCKED]
-        else:
-            return str(self)
-        return f"{self.name.lower()}: {'; '.join(part for part in parts if part)}"
+            return self.text_of(_INACCURATE, "allow more iterations", newton, more, why)
+        if self is ContactStatus.NOT_FINITE:
+            return self.text_of(_NOT_FINITE, newton, "use other units")
+        if self is ContactStatus.OUT_OF_BUDGET:
+            return self.text_of(_STOPPED, f"raise it, {tried}(budget=1000)", more, _LOCKED)
+        return str(self)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -191,14 +181,14 @@ class ContactSolution:
 
     def __repr__(self) -> str:
         return (
-            f"ContactSolution({len(self.problem.names)} contacts: {self.status.name.lower()}, "
+            f"ContactSolution({len(self.problem.names)} contacts: {self.status.word}, "
             f"natural residual {self.natural:.1e})"
         )
 
     def __str__(self) -> str:
         impulses = self.problem.level == "impulse"
         lines = [
-            f"{self.status.name.lower()} in {1e6 * self.solve_time:.1f} us, "
+            f"{self.status.word} in {1e6 * self.solve_time:.1f} us, "
             f"{self.iterations} iterations of {', '.join(self.path) or 'nothing'}",
             *(f"{name:<16} {size:.1e}" for name, size in self.residuals._asdict().items()),
             f"{'impulses' if impulses else 'forces'} on the robot, axes of each contact "

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from enum import Enum
 from functools import cached_property
 from typing import NamedTuple
 
@@ -12,6 +11,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices
+from condyn_pin._core.show import Outcome
 from condyn_pin.constraints.rows.bound import Terms, largest_torque
 from condyn_pin.contact.cones import Cones, Margin, margins
 from condyn_pin.control.actuation import Actuation
@@ -24,7 +24,7 @@ from condyn_pin.dynamics.solution import ConstraintForce, Sites
 _AGAINST = 6  # rows that a text lists
 
 
-class ControlStatus(Enum):
+class ControlStatus(Outcome):
     """Outcome of a control tick; the value is advice."""
 
     OK = "the program is solved, and the equations of motion hold"
@@ -44,14 +44,6 @@ class ControlStatus(Enum):
         "the budget of the solvers of quadratic programs ended before one of them found the "
         "answer: raise it, DAQP(budget=1000), or take weights that are fewer decades apart"
     )
-
-    @property
-    def ok(self) -> bool:
-        """True if the answer can be used as it is."""
-        return self is ControlStatus.OK
-
-    def __str__(self) -> str:
-        return f"{self.name.lower()}: {self.value}"
 
 
 class ControlResiduals(NamedTuple):
@@ -239,59 +231,35 @@ class Verdict(NamedTuple):
     infeasible: Contradiction | None
     residuals: ControlResiduals
     status: ControlStatus
-    notices: tuple[str, ...] = ()
+    notices: tuple[str, ...]
 
 
 def verdict(
-    program: Program,
-    given: Constraints,
-    x: Array | None,
-    answers: Sequence[ChainAnswer],
+    program: Program, given: Constraints, x: Array | None, answers: Sequence[ChainAnswer]
 ) -> Verdict:
     """Return the motion, torques and forces of unknowns x, verified; NaN where x is None."""
+    errors, infeasible = dict[str, Array](), None
+    active = notices = tuple[str, ...]()
     if x is None:
-        nothing, none = np.full(len(program.motion.v), np.nan), np.full(program.equations.m, np.nan)
-        u = np.full(len(program.actuation.gears), np.nan)
+        n, m = len(program.motion.v), program.equations.m
+        sizes = (n, len(program.actuation.gears), n, m, len(program.rigid))
+        a, u, tau, lam, rigid = (np.full(size, np.nan) for size in sizes)
         infeasible = _contradiction(program, given, answers[-1])
         status = ControlStatus.INFEASIBLE if infeasible else ControlStatus.UNSOLVED
         if answers[-1].stopped:
             status = ControlStatus.OUT_OF_BUDGET
-        unknown = ControlResiduals(np.inf, np.inf, np.inf)
-        rigid = np.full(len(program.rigid), np.nan)
-        return Verdict(
-            u=u,
-            tau=nothing,
-            a=nothing,
-            lam=none,
-            rigid=rigid,
-            errors={},
-            active=(),
-            infeasible=infeasible,
-            residuals=unknown,
-            status=status,
-        )
-    a, u, tau, lam, rigid = program.recover(x)
-    passive = program.passive + rigid @ program.rigid if len(rigid) else program.passive
-    residuals, status = _proof(program, a, tau, passive, lam, answers)
-    errors, last = program.errors(x), answers[-1].answer
-    active = active_rows(program, last.active, last.at_upper) if last else ()
-    notices = program.unviable()
-    size = max(peak(a), tolerances.GRAVITY)
-    if program.left_out or residuals.constraints > tolerances.SOLVED * size:
-        notices += program.unkept(program.motion.q, program.motion.v, a, lam, size)
-    return Verdict(
-        u=u,
-        tau=tau,
-        a=a,
-        lam=lam,
-        rigid=rigid,
-        errors=errors,
-        active=active,
-        infeasible=None,
-        residuals=residuals,
-        status=status,
-        notices=notices,
-    )
+        residuals = ControlResiduals(np.inf, np.inf, np.inf)
+    else:
+        a, u, tau, lam, rigid = program.recover(x)
+        passive = program.passive + rigid @ program.rigid if len(rigid) else program.passive
+        residuals, status = _proof(program, a, tau, passive, lam, answers)
+        errors, last = program.errors(x), answers[-1].answer
+        active = active_rows(program, last.active, last.at_upper) if last else ()
+        notices = program.unviable()
+        size = max(peak(a), tolerances.GRAVITY)
+        if program.left_out or residuals.constraints > tolerances.SOLVED * size:
+            notices += program.unkept(program.motion.q, program.motion.v, a, lam, size)
+    return Verdict(u, tau, a, lam, rigid, errors, active, infeasible, residuals, status, notices)
 
 
 def _proof(

@@ -18,7 +18,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.compiled import compiled_tick
+from condyn_pin._core.compiled import compiled_tick, refuse
 from condyn_pin.constraints.rows.bound import STILL, placement
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.cones import Cones, FrictionCone, WrenchCone
@@ -26,11 +26,10 @@ from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.answer import ControlAnswer, ControlResiduals, ControlStatus, active_rows
 from condyn_pin.control.hierarchy import DECIDED, SLACK, STRICTLY
 from condyn_pin.control.program import Program
-from condyn_pin.control.qp.qp_solver import Polished
+from condyn_pin.control.qp.task import Polished
 from condyn_pin.control.tasks.task import BoundTask, CompiledTask, Task
-from condyn_pin.dynamics.compiled import of_model, of_rows, unsupported_rows
+from condyn_pin.dynamics.compiled import of_model, of_rows, why_not_rows
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.errors import UnsupportedBackend
 
 # What a controller's tick is made of as plain arrays, and what of it the compiled core has not.
 #
@@ -47,9 +46,9 @@ def tasks_of(program: Program) -> list[tuple[Task, BoundTask]]:
     return [each for stack in (*program.levels, program.hard) for each in stack.bound]
 
 
-def unsupported_features(program: Program) -> Iterator[str]:
+def why_not(program: Program) -> Iterator[str]:
     """Yield the features of a controller that the core lacks, in words."""
-    yield from unsupported_rows(program.equations.model, program.equations.bounds)
+    yield from why_not_rows(program.equations.model, program.equations.bounds)
     motors = program.actuation.motors
     if coupled := [motors[k] for k in program.actuation.coupled]:
         yield f"actuation: motors that act on several joints ({listed(coupled)})"
@@ -106,7 +105,7 @@ def _of_tasks(program: Program) -> dict[str, Any]:
     columns: list[int] = []
     hard = {task.name for task, _ in program.hard.bound}
     for task, bound in tasks_of(program):
-        made: CompiledTask = bound.compiled  # type: ignore[assignment]  # `unsupported_features` has looked
+        made: CompiledTask = bound.compiled  # type: ignore[assignment]  # `why_not` has looked
         count, is_hard = len(made.columns), task.name in hard
         integers.append([made.kind, len(bound.names), made.at, is_hard, *made.sizes, count])
         placed = STILL if made.placement is None else placement(made.placement)
@@ -192,11 +191,7 @@ class CompiledTick:
         self, program: Program, scene: Scene, cones: Cones, actuation: Actuation,
         regularisation: float,
     ) -> None:  # fmt: skip
-        for reason in unsupported_features(program):
-            raise UnsupportedBackend(
-                f"the compiled core does not take this: {reason}; leave it to Python, "
-                "native='where possible' does where it must"
-            )
+        refuse(why_not(program), "native='where possible'")
         self._core = compiled_tick().Tick(**of_program(program, regularisation))
         self._program, self._scene = program, scene
         self._cones, self._actuation = cones, actuation

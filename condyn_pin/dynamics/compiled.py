@@ -67,7 +67,7 @@ JOINTS: Final = (
 _DIRECT: Final[tuple[Solver, ...]] = (DenseKKT(), NullSpace())
 
 
-def unsupported_features(workspace: Workspace) -> Iterator[str]:
+def why_not(workspace: Workspace) -> Iterator[str]:
     """Yield the features of a workspace that the core lacks, in words."""
     if "compiled" in vars(workspace):  # it was asked before
         return
@@ -79,21 +79,31 @@ def unsupported_features(workspace: Workspace) -> Iterator[str]:
         yield f"solver = {solver!r}: it makes no refinements, which this scene needs"
     if workspace.scene.nominal.rounded_file:
         yield "rows that digits of the file make count (Robot.precision)"
-    yield from unsupported_rows(workspace.model, workspace.bounds)
+    yield from why_not_rows(workspace.model, workspace.bounds)
 
 
-def unsupported_rows(model: Any, bounds: Sequence[BoundConstraint]) -> Iterator[str]:
+def why_not_method(method: str | None) -> Iterator[str]:
+    """Yield the reason that the core lacks a method of derivatives, in words."""
+    if method not in (None, "kkt"):
+        yield f"method = {method!r}: its derivatives are those of 'kkt'"
+
+
+def why_not_rows(model: Any, bounds: Sequence[BoundConstraint]) -> Iterator[str]:
     """Yield the joints and constraints of a model that the core lacks, in words."""
     if is_forest(model):
         yield f"{model.nv} degrees of freedom of many trees: it keeps no memory for each of them"
-    for name, joint in zip(model.names, model.joints, strict=True):
-        if joint.id and joint.shortname() not in JOINTS:
-            yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"
+    yield from _why_not_joints(model)
     for bound in bounds:
         if bound.compiled() is None:
             yield f"constraint {bound.name!r}: it has no such rows"
         if bound.drift:
             yield f"constraint {bound.name!r}: it has drift control of its own, {bound.drift!r}"
+
+
+def _why_not_joints(model: Any) -> Iterator[str]:
+    for name, joint in zip(model.names, model.joints, strict=True):
+        if joint.id and joint.shortname() not in JOINTS:
+            yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"
 
 
 def of_model(model: Any) -> dict[str, Any]:
@@ -244,17 +254,11 @@ _OK: Final = Status.OK
 Outputs = dict[str, NDArray[Any]]
 
 
-def unsupported_method(method: str) -> Iterator[str]:
-    """Yield the reason that the core lacks a method of derivatives, in words."""
-    if method != "kkt":
-        yield f"method = {method!r}: its derivatives are those of 'kkt'"
-
-
 class CompiledCore:
     """The core of one workspace, with memory for its threads."""
 
     def __init__(self, workspace: Workspace) -> None:
-        refuse(unsupported_features(workspace))
+        refuse(why_not(workspace))
         self.workspace, self._arguments = workspace, workspace.scene.robot.arguments
         self._scene = workspace.scene
         nq, n, m = workspace.model.nq, workspace.model.nv, self._scene.rows
@@ -274,7 +278,7 @@ class CompiledCore:
         """Refuse forces and methods that the core lacks at a single state."""
         if forces:
             refuse([f"forces = {forces!r}: it has forces from outside for batches alone"])
-        refuse(unsupported_method(method))
+        refuse(why_not_method(method))
 
     def solve(
         self, state: State, outputs: Outputs, *, accuracy: float | None, threads: int,
@@ -376,11 +380,9 @@ def _private_copy(tau: ArrayLike) -> Array:
 # The places of the fields are those that ``native/src/core/contact_arrays.cpp`` reads.
 
 
-def unsupported_contacts(scene: Scene) -> Iterator[str]:
+def why_not_contacts(scene: Scene) -> Iterator[str]:
     """Yield the features of a scene's contacts that the core lacks, in words."""
-    for name, joint in zip(scene.robot.model.names, scene.robot.model.joints, strict=True):
-        if joint.id and joint.shortname() not in JOINTS:
-            yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"
+    yield from _why_not_joints(scene.robot.model)
     pairs = [pair for bound in scene.contact_bounds for pair in bound.pairs]
     at_seams = [pair.name for pair, pieces in zip(pairs, pieces_of(pairs), strict=True) if pieces]
     if at_seams:

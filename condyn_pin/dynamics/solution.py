@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
-from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -53,7 +52,7 @@ _REPAIR: Final = (
 )
 
 
-class Status(Enum):
+class Status(show.Outcome):
     """The outcome of a solve; the value is advice."""
 
     OK = (
@@ -71,14 +70,6 @@ class Status(Enum):
     )
     NOT_FINITE = f"{_NOT_FINITE}; use Proximal() or Reference()"
 
-    @property
-    def ok(self) -> bool:
-        """True if the answer can be used as it is."""
-        return self is Status.OK
-
-    def __str__(self) -> str:
-        return f"{self.name.lower()}: {self.value}"
-
     def text(self, rows: int, cures: Iterable[str]) -> str:
         """Return name and cause, and of all `cures` those that may help a method that failed.
 
@@ -92,8 +83,7 @@ class Status(Enum):
             "masses, velocities and torques"
         )  # fmt: skip
         repair = _REPAIR if rows and self is Status.INACCURATE else ""
-        parts = (cause, ", or ".join(cures), repair)
-        return f"{self.name.lower()}: {'; '.join(part for part in parts if part)}"
+        return self.text_of(cause, ", or ".join(cures), repair)
 
 
 class Question(NamedTuple):
@@ -392,7 +382,7 @@ class Solution:
         MissingExtra
             If pandas is not installed.
         """
-        status, errors = [self.status.name.lower()], np.array(self.residuals)
+        status, errors = [self.status.word], np.array(self.residuals)
         table = solution_columns(self.scene, status, self.q, self.a, self.lam, errors)
         table |= {"iterations": [self.iterations], "solve_time": [self.solve_time]}
         return require_pandas().DataFrame(table)
@@ -404,13 +394,12 @@ class Solution:
     def __repr__(self) -> str:
         return (
             f"Solution({self.scene.robot.name}, {len(self.lam)} rows: "
-            f"{self.status.name.lower()}, error bound {self.error_bound:.1e})"
+            f"{self.status.word}, error bound {self.error_bound:.1e})"
         )
 
     def __str__(self) -> str:
         lines = [
-            f"{self.status.name.lower()} in {1e6 * self.solve_time:.1f} us, "
-            f"{self.iterations} iterations",
+            f"{self.status.word} in {1e6 * self.solve_time:.1f} us, {self.iterations} iterations",
             f"dynamics error    {self.dynamics_error:.1e} N, N m",
             f"constraint error  {self.constraint_error:.1e} m/s^2, rad/s^2",
             f"state error       {self.state_error.position:.1e} m, rad; "
@@ -768,7 +757,7 @@ def solution_html(solution: Solution) -> str:
     ]
     headings = ("constraint", "on", "by", "fx", "fy", "fz", "mx", "my", "mz")
     return show.page(
-        f"{solution.scene.robot.name}: {status.name.lower()}",
+        f"{solution.scene.robot.name}: {status.word}",
         "" if status.ok else show.notes([status.value]),
         show.facts(said.items()),
         show.folded_html(

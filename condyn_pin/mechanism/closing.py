@@ -31,7 +31,6 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Any
 
 import numpy as np
@@ -41,6 +40,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised, renamed
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.show import Outcome
 from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.rows.bound import (
     ConstraintViolation,
@@ -288,7 +288,7 @@ def with_anchors(scene: Scene, q: Array, places: MutableMapping[Constraint, Cons
 # Assembly: a configuration near a guess that closes the loops, and what is known of it.
 
 
-class AssemblyStatus(Enum):
+class AssemblyStatus(Outcome):
     """Outcome of an assembly; the value is advice."""
 
     CLOSED = "every loop is closed"
@@ -308,14 +308,6 @@ class AssemblyStatus(Enum):
         "raise it, assemble(q0, budget=1000)"
     )
     STALLED = "the gap was still getting smaller when the steps ran out; start from where it ended"
-
-    @property
-    def ok(self) -> bool:
-        """True if the configuration can be used as it is."""
-        return self is AssemblyStatus.CLOSED
-
-    def __str__(self) -> str:
-        return f"{self.name.lower()}: {self.value}"
 
 
 @dataclass(frozen=True, eq=False)

@@ -460,7 +460,7 @@ def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
     for state in states:
         status = workspace.solve(*state, throw=False).status
         if not status.ok:
-            return Trial(None, status.name.lower())
+            return Trial(None, status.word)
     turn = cycle(states)
     return Trial(lambda q, v, tau: workspace.acceleration(*next(turn)), "ok")
 

@@ -6,13 +6,13 @@ Run: settings, status and events of a run.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
-from enum import Enum
 from math import isnan
 from typing import TYPE_CHECKING, Any
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import text_of
+from condyn_pin._core.show import Outcome
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
@@ -167,7 +167,7 @@ class Effects:
         return "; ".join(title + ", ".join(names) for title, names in parts if names)
 
 
-class RunStatus(Enum):
+class RunStatus(Outcome):
     """Outcome of a run, or the limit that a motion has left."""
 
     FINISHED = "it went to its end"
@@ -191,9 +191,6 @@ class RunStatus(Enum):
         return self.ok or self in (
             RunStatus.OPENED, RunStatus.PENETRATED, RunStatus.UNBALANCED,
         )  # fmt: skip
-
-    def __str__(self) -> str:
-        return f"{self.name.lower()}: {self.value}"
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -281,7 +281,7 @@ class Trajectory:
     def __repr__(self) -> str:
         return (
             f"Trajectory({self.scene.robot.name}: {len(self.t)} samples to t = {self.t[-1]:.6g} s, "
-            f"{self.status.name.lower()})"
+            f"{self.status.word})"
         )
 
     def __str__(self) -> str:
@@ -404,7 +404,7 @@ def trajectory_text(motion: Trajectory) -> str:
     return "\n".join(
         [
             f"{scene.robot.name}, {_counts(scene)}: {motion.t[-1]:.6g} s in steps of "
-            f"{1e3 * run.dt:.4g} ms, {len(motion.t)} samples, {motion.status.name.lower()}",
+            f"{1e3 * run.dt:.4g} ms, {len(motion.t)} samples, {motion.status.word}",
             run.choices,
             run.effects.text(scene.robot),
             f"took        {run.wall_time:.3g} s, {ratio:.3g} x real time",
@@ -481,7 +481,7 @@ def trajectory_html(trajectory: Trajectory) -> str:
     events = [(each.name, f"{each.t:.6g}") for each in run.happened[:_EVENTS]]
     more = len(run.happened) - len(events)
     return show.page(
-        f"{trajectory.scene.robot.name}: {run.status.name.lower()}",
+        f"{trajectory.scene.robot.name}: {run.status.word}",
         show.notes([trajectory.reason] if trajectory.reason else []),
         show.facts(said.items()),
         show.curve("open constraints", t, trajectory.violation, "m, rad")

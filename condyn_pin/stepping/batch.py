@@ -7,7 +7,6 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, replace
 from enum import Enum
 from functools import partial
-from itertools import chain
 from time import perf_counter
 from typing import Any, ClassVar, Final, NamedTuple
 
@@ -29,7 +28,7 @@ from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.contact.solvers.admm import ADMM, POLISH, RESCUE
 from condyn_pin.contact.solvers.contact_solver import ContactSolver
 from condyn_pin.contact.solvers.newton import SemismoothNewton
-from condyn_pin.dynamics.compiled import contiguous, of_contacts, unsupported_contacts
+from condyn_pin.dynamics.compiled import contiguous, of_contacts, why_not, why_not_contacts
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
@@ -97,12 +96,10 @@ def step_batch(
     """
     begun = perf_counter()
     inputs = starts_of_steps(scene, Q, V, TAU, dt, integrator)
-    recipe = Recipe(scene.bilateral)
     return run(
-        SteppedRows(tuple(scene.contacts), float(dt), integrator), recipe, inputs,
+        SteppedRows(tuple(scene.contacts), float(dt), integrator), Recipe(scene.bilateral), inputs,
         kinds_of_steps(scene), partial(batch_of_steps, scene, float(dt), integrator, inputs, begun),
         executor=executor, chunk=chunk, progress=progress,
-        unsupported=chain(unsupported_steps(scene, integrator), recipe.unsupported()),
     )  # fmt: skip
 
 
@@ -191,6 +188,16 @@ class SteppedRows(Verb):
         )  # fmt: skip
         outputs["codes"][:], outputs["statuses"][:] = codes, STATUSES.index(ContactStatus.OK)
         return left_to_python(workspace, inputs["v0"], outputs, done, self.dt), {}
+
+    def why_not(self, workspace: Workspace) -> Iterator[str]:
+        """Yield the reasons why the core cannot take such steps."""
+        by = self.integrator
+        if type(by) is not StewartTrinkle:
+            yield f"integrator = {by!r}: with contacts it has StewartTrinkle alone"
+        elif type(by.contact) not in (ADMM, SemismoothNewton):
+            yield f"contact = {by.contact!r}: it has ADMM and SemismoothNewton"
+        yield from why_not_contacts(self._scene(workspace))
+        yield from why_not(workspace)
 
 
 # BatchStep: one step with contacts from many states, each with its errors and its status.
@@ -304,15 +311,6 @@ class BatchStep(BatchResult[StepSolution]):
 
 # A penetration at the start of a motion that none is looked at again for [m, rad].
 _DEEP: Final = 0.9 * tolerances.NEARLY_CLOSED
-
-
-def unsupported_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
-    """Reasons why the core cannot take steps with contacts, in words."""
-    if type(integrator) is not StewartTrinkle:
-        yield f"integrator = {integrator!r}: with contacts it has StewartTrinkle alone"
-    elif type(integrator.contact) not in (ADMM, SemismoothNewton):
-        yield f"contact = {integrator.contact!r}: it has ADMM and SemismoothNewton"
-    yield from unsupported_contacts(scene)
 
 
 def step_plan(integrator: Integrator, dt: float, *, to_rounding: bool = False) -> Array:

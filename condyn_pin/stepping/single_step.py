@@ -237,7 +237,7 @@ class StepSolution:
         counted = [f"{n} {mode}" for mode, n in self._counts.items() if n]
         return (
             f"StepSolution({self.scene.robot.name}: {', '.join(counted) or 'no contacts'}; "
-            f"{self.status.name.lower()})"
+            f"{self.status.word})"
         )
 
     @property

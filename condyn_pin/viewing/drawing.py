@@ -364,11 +364,11 @@ def _answer(
     scene, said, before = subject.scene, "inverse dynamics", None
     acting = subject.forces if look.forces and not isinstance(subject, Assembly) else {}
     if isinstance(subject, Solution):
-        said = subject.status.name.lower()
+        said = subject.status.word
     elif isinstance(subject, ControlAnswer):
-        said = f"control: {subject.status.name.lower()}"
+        said = f"control: {subject.status.word}"
     elif isinstance(subject, Assembly):
-        said = f"assembled: {subject.status.name.lower().replace('_', ' ')}"
+        said = f"assembled: {subject.status.word.replace('_', ' ')}"
         before = instant(scene, subject.start)
     pressing = None
     if look.balance and isinstance(subject, ControlAnswer) and np.isfinite(subject.lam).all():
@@ -383,7 +383,7 @@ def _step(step: StepSolution, look: ViewOptions) -> Drawing:
     scene, q = step.scene, step.q
     acting = Sites(scene, q).forces(step.lam / step.dt) if look.forces else {}
     at = instant(scene, q, acting, PlottedForce(step.forces if look.forces else {}, step.modes))
-    title = f"{scene.robot.name}, a step of {step.dt:g} s, {step.status.name.lower()}"
+    title = f"{scene.robot.name}, a step of {step.dt:g} s, {step.status.word}"
     return draw([scene], [at], title=title, light=look.light, cones=look.cones)
 
 

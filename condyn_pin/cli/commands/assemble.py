@@ -40,7 +40,7 @@ def assemble(
         joints[name] = assembly.q[joint.idx_q : joint.idx_q + joint.nq]
     if as_json:
         status = {
-            "status": assembly.status.name.lower(),
+            "status": assembly.status.word,
             "advice": with_options(assembly.status.value),
         }
         print_json(json_value(assembly) | status | {"joints": joints})

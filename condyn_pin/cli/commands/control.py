@@ -220,7 +220,7 @@ def _facts(before: ControlAnswer, after: ControlAnswer | None) -> dict[str, obje
     shown = after or before
     return {
         "robot": shown.scene.robot.name,
-        "status": shown.status.name.lower(),
+        "status": shown.status.word,
         "advice": str(shown.status),
         "tau": shown.tau,
         "a": shown.a,

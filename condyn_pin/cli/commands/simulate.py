@@ -81,7 +81,7 @@ def _summary(found: Trajectory) -> dict[str, object]:
     run, energy = found.run, found.energy
     return {
         "robot": found.scene.robot.name,
-        "status": found.status.name.lower(),
+        "status": found.status.word,
         "reason": found.reason,
         "t": float(found.t[-1]),
         "dt": run.dt,

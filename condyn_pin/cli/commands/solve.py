@@ -91,7 +91,7 @@ def _facts(solution: Solution) -> dict[str, object]:
     from condyn_pin._core.timing import machine
 
     return {
-        "status": solution.status.name.lower(),
+        "status": solution.status.word,
         "advice": str(solution.status),
         "q": solution.q,
         "a": solution.a,

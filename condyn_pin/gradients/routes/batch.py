@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
-from itertools import chain
 from time import perf_counter
 from typing import Final
 
@@ -45,7 +44,6 @@ from condyn_pin.stepping.batch import (
     starts_of_steps,
     states_of,
     step_plan,
-    unsupported_steps,
 )
 from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 
@@ -108,7 +106,6 @@ def step_derivatives_batch(
         raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
     inputs = starts_of_steps(scene, Q, V, TAU, dt, integrator)
     names = check_parameters(route, integrator, wrt)
-    recipe = Recipe(scene.bilateral)
 
     def made(outputs: Arrays) -> BatchStepDerivatives:
         taken = batch_of_steps(scene, float(dt), integrator, inputs, begun, outputs)
@@ -121,12 +118,9 @@ def step_derivatives_batch(
 
     steps = SteppedRows(tuple(scene.contacts), float(dt), integrator)
     return run(
-        DifferentiatedRows(steps, route, names), recipe, inputs, output_kinds(scene, names), made,
+        DifferentiatedRows(steps, route, names), Recipe(scene.bilateral), inputs,
+        output_kinds(scene, names), made,
         executor=executor, chunk=chunk, progress=progress,
-        unsupported=chain(
-            unsupported_steps(scene, integrator), unsupported_route(route, names),
-            recipe.unsupported(),
-        ),
     )  # fmt: skip
 
 
@@ -197,13 +191,13 @@ class DifferentiatedRows(Verb):
         outputs["statuses"][:] = STATUSES.index(ContactStatus.OK)
         return left_to_python(workspace, inputs["v0"], outputs, done, steps.dt), {}
 
-
-def unsupported_route(route: Route, wrt: Sequence[str]) -> Iterator[str]:
-    """Reasons why the core cannot follow a route to derivatives, in words."""
-    if type(route) is not ActiveSet:
-        yield f"route = {route!r}: it has ActiveSet() alone"
-    if "inertias" in wrt:
-        yield "wrt: it has no derivatives by inertias"
+    def why_not(self, workspace: Workspace) -> Iterator[str]:
+        """Yield the reasons why the core cannot differentiate such steps."""
+        yield from self.steps.why_not(workspace)
+        if type(self.route) is not ActiveSet:
+            yield f"route = {self.route!r}: it has ActiveSet() alone"
+        if "inertias" in self.wrt:
+            yield "wrt: it has no derivatives by inertias"
 
 
 # BatchStepDerivatives: how the ends of steps with contacts change, at many states.

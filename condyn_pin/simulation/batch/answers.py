@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import dataclass
 from functools import partial
-from itertools import chain
 from time import perf_counter
 from typing import Any, Final
 
@@ -19,7 +18,7 @@ from condyn_pin._core.rows import Native, Verb, run
 from condyn_pin._core.work import Arrays, Kind, Messages, Progress, map_chunks, silent
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.dynamics.compiled import unsupported_method
+from condyn_pin.dynamics.compiled import why_not, why_not_method
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.scene import Scene, check_scene
@@ -110,7 +109,7 @@ def solve_batch(
     return run(
         SolvedRows(accuracy, first), recipe, inputs, _of_solution(scene),
         partial(_solution, recipe, inputs, applied, start), executor=executor, chunk=chunk,
-        progress=progress, unsupported=recipe.unsupported(),
+        progress=progress,
     )  # fmt: skip
 
 
@@ -175,7 +174,7 @@ def derivatives_batch(
     return run(
         SolvedRows(accuracy, first, method, most=100, most_of_core=500), recipe, inputs,
         _of_solution(scene) | blocks, batch, executor=executor, chunk=chunk,
-        progress=progress, unsupported=chain(unsupported_method(method), recipe.unsupported()),
+        progress=progress,
     )  # fmt: skip
 
 
@@ -331,6 +330,11 @@ class SolvedRows(Verb):
         work = core.solve if self.method is None else core.differentiate
         state, forces = (inputs["q"], inputs["v"], inputs["tau"]), forces_in(inputs, self.forces)
         return work(state, outputs, accuracy=self.accuracy, threads=threads, forces=forces), {}
+
+    def why_not(self, workspace: Workspace) -> Iterator[str]:
+        """Yield the reasons why the core cannot solve the scene, or differentiate it."""
+        yield from why_not_method(self.method)
+        yield from why_not(workspace)
 
 
 def _write_outputs(outputs: Arrays, solution: Solution) -> None:

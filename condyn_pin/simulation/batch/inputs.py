@@ -19,7 +19,6 @@ from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
-from condyn_pin.dynamics.compiled import unsupported_features
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.verbs import workspace_for
@@ -157,10 +156,6 @@ class Recipe:
     def workspace(self) -> Workspace:
         """Workspace of this thread for the scene, solver and drift control."""
         return workspace_for(self.scene, self.solver, self.drift)
-
-    def unsupported(self) -> Iterator[str]:
-        """Reasons why the compiled core cannot solve the scene."""
-        yield from unsupported_features(self.workspace())
 
     def pickled(self) -> PickledRecipe:
         """Return the recipe as it travels; InvalidArgument if it is of a class that cannot."""

@@ -22,6 +22,7 @@ from condyn_pin._core.work import Arrays, Messages, Progress, silent
 from condyn_pin.constraints.contacts.contact import Contact
 from condyn_pin.constraints.drift import Baumgarte, Drift
 from condyn_pin.constraints.forces import AppliedForce
+from condyn_pin.dynamics.compiled import why_not
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.solvers.solver import Solver
@@ -67,7 +68,7 @@ from condyn_pin.simulation.run import LOST, HybridPhase, first_state, follow, is
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Passive, Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.stepping.batch import contacts_of, states_of, step_plan, unsupported_steps
+from condyn_pin.stepping.batch import SteppedRows, contacts_of, states_of, step_plan
 from condyn_pin.stepping.contact_steps import ContactSteps
 
 # Samples that are checked where none is to be kept, at most, and how many steps are between two
@@ -159,7 +160,7 @@ def simulate_batch(
     every = max(planned.steps // _LOOKS, _APART) if record is None else record
     given: ArrayLike = 0.0 if function is not None else TAU  # type: ignore[assignment]
     q, v, tau = check_states(scene.robot, Q0, V0, given, suffix="0")
-    applied, first, more = split(scene.robot, forces, len(q), functions=True)
+    _, first, more = split(scene.robot, forces, len(q), functions=True)
     most = max(1, int(_SOLVES / planned.steps / max(planned.integrator.solves_per_step, 1)))
     motions = Motions(
         function=function, jacobian=jacobian, duration=duration, dt=planned.dt,
@@ -175,7 +176,6 @@ def simulate_batch(
         motions, recipe, {"q0": q, "v0": v, "tau0": tau} | more,
         array_kinds(scene, 0 if record is None else motions.kept), partial(_batch, planned, begun),
         executor=executor, chunk=chunk, progress=progress,
-        unsupported=why_not_compiled(planned, recipe, bool(applied)),
     )  # fmt: skip
 
 
@@ -330,6 +330,34 @@ class Motions(Verb):
         )
         return np.flatnonzero(ways.done == 0), words
 
+    def why_not(self, workspace: Workspace) -> Iterator[str]:
+        """Yield the reasons why the core cannot simulate such motions."""
+        drift, solver = self.drift, workspace.solver
+        if self.function is not None or self.forces:
+            what = "TAU is a function" if self.function is not None else "there are forces from outside"
+            yield f"{what}: its motions have constant torques alone"
+        if self.contacts:
+            yield from SteppedRows(self.contacts, self.dt, self.integrator).why_not(workspace)
+            if not isinstance(drift, NoDrift):
+                yield f"drift = {drift!r}: with contacts it has NoDrift alone"
+            return
+        if self.integrator not in _INTEGRATORS:
+            known = ", ".join(dict.fromkeys(type(each).__name__ for each in _INTEGRATORS))
+            yield f"integrator = {self.integrator!r}: it has {known}"
+        if not isinstance(drift, NoDrift | Baumgarte | PostStabilization):
+            yield f"drift = {drift!r}: it has NoDrift, Baumgarte and PostStabilization"
+        yield from why_not(workspace)
+        by_mass = not isinstance(drift, PostStabilization) or drift.metric == "mass"
+        if isinstance(solver, Proximal):
+            for name in workspace.pinocchio_constraints.approximated:
+                yield f"constraint {name!r} stands for two points, which steps leave a little open"
+            if isinstance(drift, PostStabilization) and not (
+                by_mass and uses_the_solver(workspace, solver)
+            ):
+                yield f"drift = {drift!r}: it corrects by the factor of a solve, in the metric of M"
+        elif not by_mass:
+            yield f"drift = {drift!r}: it corrects in the metric of M"
+
 
 class _Runner:
     """One motion after the other from what they share: a plan, and a phase."""
@@ -398,41 +426,6 @@ _INTEGRATORS: Final[dict[Integrator, int]] = {
 # Numbers of a sample: violation, slip, kinetic and potential energy, that of springs, and what
 # damping takes [m, m/s, J, J, J, W].
 MEASURED: Final = 6
-
-
-def why_not_compiled(plan: Plan, recipe: Recipe, forces: bool) -> Iterator[str]:
-    """Reasons why the core cannot follow a plan, in words."""
-    if plan.tau.constant is None or forces:
-        what = "TAU is a function" if plan.tau.constant is None else "there are forces from outside"
-        yield f"{what}: its motions have constant torques alone"
-    if plan.scene.contacts:
-        yield from unsupported_steps(plan.scene, plan.integrator)
-        if not isinstance(plan.drift, NoDrift):
-            yield f"drift = {plan.drift!r}: with contacts it has NoDrift alone"
-        yield from recipe.unsupported()
-        return
-    if plan.integrator not in _INTEGRATORS:
-        known = ", ".join(dict.fromkeys(type(each).__name__ for each in _INTEGRATORS))
-        yield f"integrator = {plan.integrator!r}: it has {known}"
-    if not isinstance(plan.drift, NoDrift | Baumgarte | PostStabilization):
-        yield f"drift = {plan.drift!r}: it has NoDrift, Baumgarte and PostStabilization"
-    yield from recipe.unsupported()
-    yield from unsupported_rows(recipe.workspace(), plan.drift)
-
-
-def unsupported_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
-    """Reasons why the core cannot simulate the constraints, other than those of a solve."""
-    found, solver = workspace.pinocchio_constraints, workspace.solver
-    if not isinstance(solver, Proximal):
-        if isinstance(drift, PostStabilization) and drift.metric != "mass":
-            yield f"drift = {drift!r}: it corrects in the metric of M"
-        return
-    for name in found.approximated:
-        yield f"constraint {name!r} stands for two points, which steps leave a little open"
-    if isinstance(drift, PostStabilization) and not (
-        drift.metric == "mass" and uses_the_solver(workspace, solver)
-    ):
-        yield f"drift = {drift!r}: it corrects by the factor of a solve, in the metric of M"
 
 
 def put_motions(

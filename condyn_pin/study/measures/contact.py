@@ -126,7 +126,7 @@ class ContactMeasure(Measure):
             lost, error = min(distances, key=lambda pair: pair[1])
         return Answer(
             error=error,
-            status=solution.status.name.lower(),
+            status=solution.status.word,
             dynamics_error=lost,
             constraint_error=or_inf(natural),
             iterations=solution.iterations,

@@ -71,7 +71,7 @@ class Answer:
     @classmethod
     def of(cls, solution: Solution, error: float, promised: float) -> Answer:
         """Return the answer of a solution; "wrong" if ok with an error above `promised`."""
-        status = solution.status.name.lower()
+        status = solution.status.word
         return cls(
             error=error,
             status=WRONG if status == "ok" and not error <= promised else status,

@@ -156,7 +156,7 @@ class TrajectoryMeasure(Measure):
                 relative(way + off, way, gravity * self.duration**2 / 2),
                 relative(motion.v[-1], v, gravity * self.duration),
             ),
-            status="ok" if motion.run.status.ok else motion.run.status.name.lower(),
+            status="ok" if motion.run.status.ok else motion.run.status.word,
             dynamics_error=_largest(motion.energy.error),
             constraint_error=max(_largest(motion.violation), penetration),
             iterations=len(motion.t) - 1,
