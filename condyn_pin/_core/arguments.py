@@ -287,10 +287,15 @@ def check_refinements(refinements: int) -> None:
         )
 
 
+def check_type(name: str, value: object, kind: Any, needed: str) -> None:
+    """Raise InvalidArgument unless a value is of a kind; `needed` says which one is, as text."""
+    if not isinstance(value, kind):
+        raise InvalidArgument(f"{name} = {text_of(value)}: {needed}")
+
+
 def check_flag(name: str, value: object) -> None:
     """Raise InvalidArgument unless a value is True or False, of Python or of numpy."""
-    if not isinstance(value, bool | np.bool_):
-        raise InvalidArgument(f"{name} = {text_of(value)}: True or False is needed")
+    check_type(name, value, bool | np.bool_, "True or False is needed")
 
 
 def is_whole(value: object) -> bool:

@@ -17,7 +17,7 @@ from typing import Any, ClassVar, Final, Generic, Self, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core.arguments import check_called, check_count
+from condyn_pin._core.arguments import check_called, check_count, check_type
 from condyn_pin._core.arrays import read_only
 from condyn_pin._core.compiled import compiled, refuse
 from condyn_pin._core.show import Outcome, facts, notes, page
@@ -444,8 +444,7 @@ class Native:
                 f"executor = {self.executor!r}: a concurrent.futures.Executor is needed, such as "
                 "Processes(2), or client.get_executor() of a Dask client"
             )
-        if not isinstance(self.where_possible, bool):
-            raise InvalidArgument(f"where_possible = {self.where_possible!r}: True or False")
+        check_type("where_possible", self.where_possible, bool, "True or False")
         if not self.where_possible:
             compiled()
 

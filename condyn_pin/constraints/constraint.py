@@ -65,7 +65,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import register
+from condyn_pin._core.arguments import check_type, register
 from condyn_pin._core.arrays import Array, finite, text_of
 from condyn_pin._core.joints import rotation_fault, z_along
 from condyn_pin.constraints.drift import Baumgarte
@@ -125,13 +125,11 @@ class Constraint(GivenFields, ABC):
             register(KINDS, cls.__name__, cls, f"a kind of constraint named {cls.__name__}")
 
     def _set_name(self, default: str) -> None:
-        if not isinstance(self.name, str):
-            raise InvalidArgument(f"name = {self.name!r}: a text is needed")
+        check_type("name", self.name, str, "a text is needed")
         object.__setattr__(self, "name", self.name or short_frames(default))
         if self.axes is not None:
             set_frames(self, "axes")
-        if not isinstance(self.drift, Baumgarte | None):
-            raise InvalidArgument(f"drift = {self.drift!r}: Baumgarte(alpha, beta) is needed")
+        check_type("drift", self.drift, Baumgarte | None, "Baumgarte(alpha, beta) is needed")
 
     @property
     @abstractmethod

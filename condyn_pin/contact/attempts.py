@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import check_accuracy_of_a
+from condyn_pin._core.arguments import check_accuracy_of_a, check_type
 from condyn_pin._core.arrays import Array, finite, read_only, text_of
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.contact.indeterminacy import Indeterminacy, by_rule
@@ -255,10 +255,7 @@ def solve_contact(
             "v, dt=...) makes that of a step"
         )
     chosen = _DEFAULT if solver is None else solver
-    if not isinstance(chosen, ContactSolver):
-        raise InvalidArgument(
-            f"solver = {text_of(solver)}: a contact solver is needed, such as ADMM()"
-        )
+    check_type("solver", chosen, ContactSolver, "a contact solver is needed, such as ADMM()")
     if problem.law not in chosen.laws:
         raise InvalidArgument(
             f"{chosen!r} solves {' and '.join(chosen.laws)}, and the problem is a {problem.law}: "

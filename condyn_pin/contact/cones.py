@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import check_count, normalised
+from condyn_pin._core.arguments import check_count, check_type, normalised
 from condyn_pin._core.arrays import Array, finite, finite_rows, read_only
 from condyn_pin._core.joints import z_along
 from condyn_pin.constraints.constraint import (
@@ -606,8 +606,7 @@ def _check(cones: Cones, scenes: Sequence[Scene]) -> None:
     named = cones if isinstance(cones, Mapping) else {"cones": cones}
     known = {name: None for scene in scenes for name in scene.names}
     for name, cone in named.items():
-        if not isinstance(cone, Cone):
-            raise InvalidArgument(f"{name} = {cone!r}: a FrictionCone or a WrenchCone is needed")
+        check_type(name, cone, Cone, "a FrictionCone or a WrenchCone is needed")
         if isinstance(cones, Mapping) and name not in known:
             raise unknown_name("constraint", name, known)
     if not any(_fitted_cones(scene, cones) for scene in scenes):

@@ -43,13 +43,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import check_count, listed, register
+from condyn_pin._core.arguments import check_count, check_type, listed, register
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.attempts import fallbacks, first_attempt
 from condyn_pin.contact.normal_path import End, normal_path
 from condyn_pin.contact.problem import ContactProblem, Island, island_of, islands
 from condyn_pin.contact.solvers.newton import SemismoothNewton
-from condyn_pin.errors import InvalidArgument
 
 RESTITUTION_LAWS: dict[str, type[RestitutionLaw]] = {}
 
@@ -251,8 +250,7 @@ class Energetic(RestitutionLaw):
 
     def __post_init__(self) -> None:
         check_count("pieces", self.pieces)
-        if not isinstance(self.chain, bool):
-            raise InvalidArgument(f"chain = {self.chain!r}: True or False is needed")
+        check_type("chain", self.chain, bool, "True or False is needed")
 
     @property
     def _order(self) -> str:
@@ -272,10 +270,9 @@ class Energetic(RestitutionLaw):
 
 def check_law(law: object) -> None:
     """Refuse what is no law of restitution."""
-    if not isinstance(law, RestitutionLaw):
-        raise InvalidArgument(
-            f"restitution_law = {law!r}: a law is needed, such as Energetic() or Newton()"
-        )
+    check_type(
+        "restitution_law", law, RestitutionLaw, "a law is needed, such as Energetic() or Newton()"
+    )
 
 
 def work(problem: ContactProblem, lam: Array) -> float:

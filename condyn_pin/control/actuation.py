@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import checked_names, count_text, listed
+from condyn_pin._core.arguments import check_type, checked_names, count_text, listed
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
@@ -202,10 +202,7 @@ def motors_of(scene: Scene, actuation: Actuation | None) -> Actuation:
     check_scene(scene)
     if actuation is None:
         return Actuation(scene.robot)
-    if not isinstance(actuation, Actuation):
-        raise InvalidArgument(
-            f"actuation = {actuation!r}: Actuation(robot, joints) is needed, or None"
-        )
+    check_type("actuation", actuation, Actuation, "Actuation(robot, joints) is needed, or None")
     if actuation.robot is not scene.robot and actuation.robot.model != scene.robot.model:
         raise InvalidArgument(
             f"actuation: it is made for the model of {actuation.robot.name!r}, and the scene has "

@@ -31,7 +31,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import Arguments, checked_names
+from condyn_pin._core.arguments import Arguments, check_type, checked_names
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise, null_space
@@ -647,8 +647,7 @@ def push_bound(
     check_scene(scene)
     check_bilateral(scene)
     check_not_driven(scene, "push_bound")
-    if not isinstance(torque, bool):
-        raise InvalidArgument(f"torque = {torque!r}: True or False is needed")
+    check_type("torque", torque, bool, "True or False is needed")
     q_ = scene.robot.arguments.configuration("q", q)
     floor = level_floor(Sites(scene, q_))
     along = floor.axes[:2].T @ along_plane(floor.axes[:2], way)

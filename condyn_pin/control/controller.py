@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import Arguments, check_called, checked_names
+from condyn_pin._core.arguments import Arguments, check_called, check_type, checked_names
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.compiled import Native
@@ -439,8 +439,7 @@ def at_rate(
     Between two ticks a call costs a microsecond. A call at the instant of a tick with another
     state, from a trial step of an integrator or from another run, solves again.
     """
-    if not isinstance(controller, Controller):
-        raise InvalidArgument(f"controller = {controller!r}: a Controller is needed")
+    check_type("controller", controller, Controller, "a Controller is needed")
     check_positive("time [s]", period=period)
     if period > _LONGEST:
         raise InvalidArgument(

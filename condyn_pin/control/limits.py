@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import check_accuracy, step_size
+from condyn_pin._core.arguments import check_accuracy, check_type, step_size
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.compiled import Native, check_native
 from condyn_pin._core.joints import UNLIMITED
@@ -343,12 +343,10 @@ class Settings:
         object.__setattr__(self, "regularisation", float(self.regularisation))
         if self.qp is not None and not isinstance(self.qp, QPSolver):
             raise InvalidArgument(f"qp = {self.qp!r}: a solver such as ProxQP() is needed")
-        if not isinstance(self.limits, ControlLimits):
-            raise InvalidArgument(f"limits = {self.limits!r}: ControlLimits(...) is needed")
-        if not isinstance(self.drift, Baumgarte | None):
-            raise InvalidArgument(
-                f"drift = {self.drift!r}: Baumgarte(alpha, beta) or None is needed"
-            )
+        check_type("limits", self.limits, ControlLimits, "ControlLimits(...) is needed")
+        check_type(
+            "drift", self.drift, Baumgarte | None, "Baumgarte(alpha, beta) or None is needed"
+        )
         check_native(self.native)
 
 

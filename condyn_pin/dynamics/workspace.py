@@ -25,6 +25,7 @@ from condyn_pin._core.arguments import (
     Given,
     State,
     check_accuracy_of_a,
+    check_type,
     unpack_quaternion,
 )
 from condyn_pin._core.arrays import Array
@@ -217,8 +218,7 @@ class Workspace(OneThread):
             raise InvalidArgument(
                 f"solver = {solver!r}: a solver object is needed, such as Proximal() or LCABA()"
             )
-        if not isinstance(drift, Baumgarte | None):
-            raise InvalidArgument(f"drift = {drift!r}: Baumgarte(alpha, beta) or None is needed")
+        check_type("drift", drift, Baumgarte | None, "Baumgarte(alpha, beta) or None is needed")
         check_bilateral(scene)
         check_time(scene)
         self.native = native

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 from warnings import warn
 
+from condyn_pin._core.arguments import check_type
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnmodelledWarning, unknown_name
 from condyn_pin.io.description import check_root_joint, example_robot_data, robots_folder
 from condyn_pin.model.mechanisms import MECHANISMS
@@ -121,8 +122,7 @@ def _root_joint(floating: bool | None, root_joint: str | None) -> str | None:
     """Type of the root joint as in robot.toml, from `floating` or `root_joint`."""
     if floating is None:
         return root_joint
-    if not isinstance(floating, bool):
-        raise InvalidArgument(f"floating = {floating!r}: True or False is needed")
+    check_type("floating", floating, bool, "True or False is needed")
     said = "free_flyer" if floating else "fixed"
     if root_joint not in (None, said):
         raise InvalidArgument(f"floating = {floating}: root_joint = {root_joint!r} contradicts it")
@@ -138,8 +138,7 @@ def _cached_robot(
     # what reads files is imported when there is one to read: mechanisms need none of it
     from condyn_pin.io.robot_toml import check_variant
 
-    if not isinstance(name, (str, Path)):
-        raise InvalidArgument(f"name = {name!r}: a name or a path is needed")
+    check_type("name", name, (str, Path), "a name or a path is needed")
     if root_joint is not None:
         check_root_joint(root_joint)
     known, chosen = available_robots(), {} if variant is None else variant

@@ -18,7 +18,7 @@ from os import PathLike
 from types import MappingProxyType
 from typing import Any, Final
 
-from condyn_pin._core.arguments import quoted_names
+from condyn_pin._core.arguments import check_type, quoted_names
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -122,8 +122,7 @@ def read_sdf(
     Gravity is that of the <world>, or Pinocchio's where there is none, and zero if <gravity> is
     false for every link that moves.
     """
-    if not isinstance(as_file, bool):
-        raise InvalidArgument(f"as_file = {as_file!r}: True or False is needed")
+    check_type("as_file", as_file, bool, "True or False is needed")
     if as_file and cut:
         cuts = list(cut)
         raise InvalidArgument(f"cut = {cuts!r}: with as_file no joint is cut; give one of the two")

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from condyn_pin._core.arguments import step_size
+from condyn_pin._core.arguments import check_type, step_size
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
@@ -149,8 +149,7 @@ def check_steps(scene: Scene, dt: float, integrator: ContactScheme, route: Route
             f"integrator = {integrator!r}: one that lets contacts open is needed, such as "
             "StewartTrinkle()"
         )
-    if not isinstance(route, Route):
-        raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
+    check_type("route", route, Route, "a Route is needed, such as ActiveSet()")
     step_size(dt)
     time_of(scene)  # refuses driven rows without a time
     check_scheme(scene, integrator)

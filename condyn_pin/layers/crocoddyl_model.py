@@ -8,6 +8,7 @@ import crocoddyl
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidArgument, InvalidModel, SolveFailed, StepFailed
 from condyn_pin.layers.crocoddyl import Action
@@ -78,8 +79,7 @@ class ActionData(crocoddyl.ActionDataAbstract):  # type: ignore[misc]
 
 def model_of(action: Action, costs: Any) -> ActionModel:
     """Return the model, for costs of the same robot and motors."""
-    if not isinstance(costs, crocoddyl.CostModelSum):
-        raise InvalidArgument(f"costs = {costs!r}: a crocoddyl.CostModelSum is needed")
+    check_type("costs", costs, crocoddyl.CostModelSum, "a crocoddyl.CostModelSum is needed")
     if not isinstance(costs.state, crocoddyl.StateMultibody) or not (
         costs.state.pinocchio == action.scene.robot.model
     ):

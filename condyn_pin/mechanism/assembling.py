@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import check_count, checked_names, normalised
+from condyn_pin._core.arguments import check_count, check_type, checked_names, normalised
 from condyn_pin._core.arrays import Array, finite_rows
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
@@ -189,8 +189,7 @@ def limited(limits: Limits, of: Indices) -> set[str]:
 
 
 def _check_branch(branch: Mapping[str, int], known: Mapping[str, int]) -> None:
-    if not isinstance(branch, Mapping):
-        raise InvalidArgument(f"branch = {branch!r}: the branch of an Assembly is needed")
+    check_type("branch", branch, Mapping, "the branch of an Assembly is needed")
     for name, side in branch.items():
         if name not in known:
             raise unknown_name("cluster of loops", str(name), known)

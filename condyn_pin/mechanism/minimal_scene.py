@@ -22,7 +22,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import checked_names
+from condyn_pin._core.arguments import check_type, checked_names
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
@@ -265,8 +265,7 @@ def minimal(
     check_not_driven(scene, "minimal")
     limit = max(float(error), tolerances.EXACT)
     solver = default_solver(scene) if solver is None else solver
-    if not isinstance(solver, Solver):
-        raise InvalidArgument(f"solver = {solver!r}: a solver object is needed")
+    check_type("solver", solver, Solver, "a solver object is needed")
     states = sampled(scene, 0, _SAMPLES) if motion is None else checked_states(scene, motion)
     asked = _watched_joints(scene, states, watch)
     question = judge = _Question(scene, states, asked)

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import check_count, count_text, normalised
+from condyn_pin._core.arguments import check_count, check_type, count_text, normalised
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
@@ -594,5 +594,4 @@ def sample(
 
 def check_generator(rng: object) -> None:
     """Refuse what is no generator of random numbers."""
-    if not isinstance(rng, np.random.Generator):
-        raise InvalidArgument(f"rng = {rng!r}: numpy.random.default_rng(seed) makes one")
+    check_type("rng", rng, np.random.Generator, "numpy.random.default_rng(seed) makes one")

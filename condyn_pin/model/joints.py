@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import UNLIMITED, lengths
 from condyn_pin._core.trees import algorithms, data_of, whole_data
@@ -33,8 +34,7 @@ Values = Mapping[str, ArrayLike]
 
 def joint_of(model: Any, name: str) -> Any:
     """Return the joint of a name, or raise UnknownName with the nearest names."""
-    if not isinstance(name, str):
-        raise InvalidArgument(f"joint = {name!r}: the name of a joint is needed")
+    check_type("joint", name, str, "the name of a joint is needed")
     index = model.getJointId(name)
     if not 0 < index < model.njoints:  # the world, or no joint
         carrying = [f.parentJoint for f in model.frames if f.name == name and f.parentJoint]
@@ -145,10 +145,7 @@ def _checked_configuration(robot: Robot, q: ArrayLike) -> Array:
 
 
 def _pairs(values: Values) -> list[tuple[str, Any]]:
-    if not isinstance(values, Mapping):
-        raise InvalidArgument(
-            f"values = {values!r}: values by joint are needed, such as {{'knee': 0.3}}"
-        )
+    check_type("values", values, Mapping, "values by joint are needed, such as {'knee': 0.3}")
     return list(values.items())
 
 

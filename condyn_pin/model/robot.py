@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import show, tolerances
 from condyn_pin._core._pin import pin, set_numbers, without_infinity
-from condyn_pin._core.arguments import Arguments, count_text, normalised
+from condyn_pin._core.arguments import Arguments, check_type, count_text, normalised
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.joints import rotation_fault
 from condyn_pin.constraints.constraint import Constraint, check_size
@@ -76,8 +76,7 @@ def check_origin(name: Any, model: Any) -> None:
             f"model = {type(model).__name__}: a pinocchio.Model is needed; "
             "load_robot reads one from a file"
         )
-    if not isinstance(name, str):
-        raise InvalidArgument(f"name = {name!r}: a text is needed")
+    check_type("name", name, str, "a text is needed")
     check_model(model)
 
 
@@ -130,8 +129,7 @@ def exclusions(robot: Robot) -> frozenset[frozenset[str]]:
 
 def postures(model: Any, value: Any) -> Mapping[str, Array]:
     """Configurations by name, normalised and read-only; InvalidArgument if they are none."""
-    if not isinstance(value, Mapping):
-        raise InvalidArgument(f"postures = {value!r}: a mapping of names is needed")
+    check_type("postures", value, Mapping, "a mapping of names is needed")
     return MappingProxyType({name: _posture(model, name, q) for name, q in value.items()})
 
 

@@ -19,7 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, text_of
+from condyn_pin._core.arguments import check_type
+from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.control.balancing import Balance, balanced
@@ -97,8 +98,7 @@ def motion_balance(trajectory: Trajectory) -> MotionBalance:
     -----
     Takes a millisecond a sample.
     """
-    if not isinstance(trajectory, Trajectory):
-        raise InvalidArgument(f"trajectory = {text_of(trajectory)}: one of simulate is needed")
+    check_type("trajectory", trajectory, Trajectory, "one of simulate is needed")
     if not any(_may_press(phase.scene) for phase in trajectory.phases):
         raise InvalidArgument("trajectory: its scene has no contact that presses on a floor")
     found = list(balances(trajectory, range(len(trajectory.t))))

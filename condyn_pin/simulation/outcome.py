@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import text_of
 from condyn_pin._core.show import Outcome
 from condyn_pin._core.threads import ThreadCache
@@ -85,12 +86,11 @@ class MotionLimits:
                 raise InvalidArgument(f"{name} = {text_of(value)}: a number > 0 is needed")
 
 
-def check_limits(limits: object) -> MotionLimits:
+def check_limits(limits: MotionLimits | None) -> MotionLimits:
     """Return the limits of a motion: those by default for None."""
     if limits is None:
         return MotionLimits()
-    if not isinstance(limits, MotionLimits):
-        raise InvalidArgument(f"limits = {text_of(limits)}: MotionLimits(...) is needed")
+    check_type("limits", limits, MotionLimits, "MotionLimits(...) is needed")
     return limits
 
 
@@ -134,8 +134,7 @@ class Effects:
 
     def __post_init__(self) -> None:
         for name, value in vars(self).items():
-            if not isinstance(value, bool):
-                raise InvalidArgument(f"{name} = {value!r}: True or False is needed")
+            check_type(name, value, bool, "True or False is needed")
 
     def applied_to(self, scene: Scene) -> Scene:
         """Return the scene whose model has no gravity or armature where these are off."""

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import check_called, check_count, seconds, step_size
+from condyn_pin._core.arguments import check_called, check_count, check_type, seconds, step_size
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
@@ -79,14 +79,12 @@ def plan(
     effects, happenings = effects or Effects(), checked_events(scene, events)
     steps, dt = _steps(duration, dt)
     integrator = default_integrator(scene, happenings) if integrator is None else integrator
-    if not isinstance(integrator, Integrator):
-        raise InvalidArgument(
-            f"integrator = {integrator!r}: an integrator is needed, such as RungeKutta4()"
-        )
+    check_type(
+        "integrator", integrator, Integrator, "an integrator is needed, such as RungeKutta4()"
+    )
     _check_contacts(scene, integrator, happenings)
     drift = default_drift(scene, integrator, solver, happenings) if drift is None else drift
-    if not isinstance(drift, Drift):
-        raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
+    check_type("drift", drift, Drift, "a drift scheme is needed, such as Baumgarte")
     _check_drift(integrator, drift, dt)
     for each in _scenes(scene, happenings):
         for constraint in each.constraints:

@@ -11,7 +11,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import check_called
+from condyn_pin._core.arguments import check_called, check_type
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.constraint import Constraint
@@ -21,7 +21,7 @@ from condyn_pin.constraints.path import check_along
 from condyn_pin.dynamics.scene import Scene, check_at_all_times, check_scene
 from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
+from condyn_pin.errors import CondynError, NotAssembled
 from condyn_pin.mechanism.closing import with_anchors
 from condyn_pin.simulation.events import (
     Event,
@@ -177,8 +177,7 @@ def simulate(
     if progress is not None:
         check_called("progress", progress, "share")
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)
-    if not isinstance(close_start, bool):
-        raise InvalidArgument(f"close_start = {close_start!r}: True or False is needed")
+    check_type("close_start", close_start, bool, "True or False is needed")
     planned = plan(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
         record=record, effects=effects, events=events, forces=forces, jacobian=jacobian,

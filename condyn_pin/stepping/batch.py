@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from concurrent.futures import Executor
 from dataclasses import dataclass, replace
-from enum import Enum
 from functools import partial
 from time import perf_counter
-from typing import Any, ClassVar, Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -263,7 +262,7 @@ class BatchStep(BatchResult[StepSolution]):
     seconds: float  # [s]
 
     _rows = ("q", "v", "lam", "codes", "errors", "statuses", "q0", "v0", "tau0")
-    _endings: ClassVar[Sequence[Enum]] = STATUSES
+    _endings = STATUSES
 
     @property
     def modes(self) -> dict[str, NDArray[np.object_]]:

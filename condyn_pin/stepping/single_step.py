@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import joint_torques, step_size
+from condyn_pin._core.arguments import check_type, joint_torques, step_size
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.threads import ThreadCache
@@ -163,8 +163,7 @@ class StepSolution:
         from condyn_pin.gradients.routes.route import Route  # they are made of steps
 
         chosen = ActiveSet() if route is None else route
-        if not isinstance(chosen, Route):
-            raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
+        check_type("route", chosen, Route, "a Route is needed, such as ActiveSet()")
         return chosen.differentiate(
             self.scene, self.integrator, self.dt, self.start, wrt, taken=self._taken
         )

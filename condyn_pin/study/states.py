@@ -14,7 +14,7 @@ from typing import Final, cast
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import check_count, is_whole
+from condyn_pin._core.arguments import check_count, check_type, is_whole
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.timing import State
 from condyn_pin.constraints.constraint import Constraint
@@ -325,10 +325,7 @@ def labelled(
     if isinstance(scenes, Mapping):
         pairs = list(scenes.items())
     else:
-        if not isinstance(scenes, Scene | Iterable):
-            raise InvalidArgument(
-                f"scenes = {scenes!r}: a Scene, or the name of a robot, is needed"
-            )
+        check_type("scenes", scenes, Scene | Iterable, "a Scene, or the name of a robot, is needed")
         several = [scenes] if isinstance(scenes, Scene | str) else list(scenes)
         pairs = [pair for one in several for pair in _pairs(one, scenes_of)]
     found = dict(pairs)

@@ -11,7 +11,7 @@ from itertools import product
 from pathlib import Path
 from typing import Any, Final, TypeVar, cast
 
-from condyn_pin._core.arguments import check_accuracy_of_a, check_called
+from condyn_pin._core.arguments import check_accuracy_of_a, check_called, check_type
 from condyn_pin._core.timing import machine
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin._core.work import map_chunks
@@ -108,8 +108,7 @@ class Study:
             raise InvalidArgument("measure = []: at least one is needed")
         if self.solvers is not None:
             object.__setattr__(self, "solvers", _methods(self.solvers, self.measures))
-        if not isinstance(self.effort, TimingEffort):
-            raise InvalidArgument(f"effort = {self.effort!r}: TimingEffort(rounds=...) is needed")
+        check_type("effort", self.effort, TimingEffort, "TimingEffort(rounds=...) is needed")
         object.__setattr__(self, "scenes", labelled(self.scenes, self.measures[0].scenes_of))
         states = as_states(self.states)
         noisy = NoisyStates(states, self.noise)

@@ -17,11 +17,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
 
-from condyn_pin._core.arguments import register
+from condyn_pin._core.arguments import check_type, register
 from condyn_pin.constraints.constraint import Constraint, GivenFields, Machine, MjcfGeomWriter
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.places import short_frames
-from condyn_pin.errors import InvalidArgument, InvalidModel, UnsupportedConstraint, unknown_name
+from condyn_pin.errors import InvalidModel, UnsupportedConstraint, unknown_name
 
 Mode = Literal["open", "slide", "stick"]
 
@@ -46,8 +46,7 @@ class Contact(GivenFields, ABC):
             register(CONTACTS, cls.__name__, cls, f"a kind of contact named {cls.__name__}")
 
     def _set_name(self, default: str) -> None:
-        if not isinstance(self.name, str):
-            raise InvalidArgument(f"name = {self.name!r}: a text is needed")
+        check_type("name", self.name, str, "a text is needed")
         object.__setattr__(self, "name", self.name or short_frames(default))
 
     def owns(self, candidate: str) -> bool:

@@ -24,7 +24,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin._core.arguments import register
+from condyn_pin._core.arguments import check_type, register
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.cones import ContactCones, placements
@@ -32,7 +32,7 @@ from condyn_pin.control.qp.chain import ChainAnswer, SolverLadder
 from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.qp_solver import QPSolver, QuadraticProgram
 from condyn_pin.dynamics.solution import Sites
-from condyn_pin.errors import Infeasible, InvalidArgument
+from condyn_pin.errors import Infeasible
 
 DISTRIBUTIONS: dict[str, type[ForceDistribution]] = {}
 
@@ -63,8 +63,7 @@ class ForceDistribution(ABC):
     qp: QPSolver = field(default_factory=ProxQP, kw_only=True)
 
     def __post_init__(self) -> None:
-        if not isinstance(self.qp, QPSolver):
-            raise InvalidArgument(f"qp = {self.qp!r}: a solver such as ProxQP() is needed")
+        check_type("qp", self.qp, QPSolver, "a solver such as ProxQP() is needed")
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

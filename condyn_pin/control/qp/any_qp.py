@@ -7,8 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from condyn_pin._core.arguments import check_type
 from condyn_pin.control.qp.qp_solver import BoundQP, QPResult, QPSolver, QuadraticProgram, package
-from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.errors import unknown_name
 
 
 @dataclass(frozen=True)
@@ -36,8 +37,7 @@ class AnyQP(QPSolver):
     solver: str = "daqp"
 
     def __post_init__(self) -> None:
-        if not isinstance(self.solver, str):
-            raise InvalidArgument(f"solver = {self.solver!r}: the name of a solver is needed")
+        check_type("solver", self.solver, str, "the name of a solver is needed")
 
     def _start(self) -> BoundQP:
         """Return the bound solver; it keeps nothing from call to call."""

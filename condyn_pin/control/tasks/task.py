@@ -32,7 +32,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import check_accuracy, check_called, checked_names, listed, register
+from condyn_pin._core.arguments import (
+    check_accuracy,
+    check_called,
+    check_type,
+    checked_names,
+    listed,
+    register,
+)
 from condyn_pin._core.arrays import Array, finite, text_of
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.constraint import check_positive
@@ -290,8 +297,7 @@ class Task(ABC):
     def __post_init__(self) -> None:
         if not (isinstance(self.weight, Real) and self.weight == math.inf):
             check_accuracy("weight", self.weight)
-        if not isinstance(self.name, str):
-            raise InvalidArgument(f"name = {text_of(self.name)}: a text is needed")
+        check_type("name", self.name, str, "a text is needed")
         object.__setattr__(self, "name", self.name or self._called)
 
     def __init_subclass__(cls) -> None:

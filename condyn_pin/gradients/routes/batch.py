@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.rows import Batch, Native, Verb, run
 from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
@@ -19,7 +20,7 @@ from condyn_pin.contact.problem import MODES, mode_words
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.errors import CondynError, InvalidArgument, SolveFailed
+from condyn_pin.errors import CondynError, SolveFailed
 from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.linear_steps import falls, rows_with_a_place
 from condyn_pin.gradients.routes.route import Route, check_parameters
@@ -102,8 +103,7 @@ def step_derivatives_batch(
     Cost: that of a step and `Route.cost` a state, divided by the workers.
     """
     begun = perf_counter()
-    if not isinstance(route, Route):
-        raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
+    check_type("route", route, Route, "a Route is needed, such as ActiveSet()")
     inputs = starts_of_steps(scene, Q, V, TAU, dt, integrator)
     names = check_parameters(route, integrator, wrt)
 

@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
@@ -214,8 +215,7 @@ def trajectory_derivatives(
     Griewank, Walther. Evaluating Derivatives. SIAM, 2008, chapter 12: checkpoints.
     """
     chosen = ActiveSet() if route is None else route
-    if not isinstance(chosen, Route):
-        raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
+    check_type("route", chosen, Route, "a Route is needed, such as ActiveSet()")
     scheme, run = _scheme_of(motion), motion.run
     names = check_parameters(chosen, scheme, wrt, ("tau",))
     effects = run.effects

@@ -334,10 +334,15 @@ class Motions(Verb):
         """Yield the reasons why the core cannot simulate such motions."""
         drift, solver = self.drift, workspace.solver
         if self.function is not None or self.forces:
-            what = "TAU is a function" if self.function is not None else "there are forces from outside"
+            what = (
+                "TAU is a function"
+                if self.function is not None
+                else "there are forces from outside"
+            )
             yield f"{what}: its motions have constant torques alone"
         if self.contacts:
-            yield from SteppedRows(self.contacts, self.dt, self.integrator).why_not(workspace)
+            steps = SteppedRows(self.contacts, self.dt, self.integrator)  # type: ignore[arg-type]
+            yield from steps.why_not(workspace)  # names another kind of integrator
             if not isinstance(drift, NoDrift):
                 yield f"drift = {drift!r}: with contacts it has NoDrift alone"
             return

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -86,7 +84,7 @@ class BatchSolution(BatchResult[Solution]):
     drift: Baumgarte | None = None
 
     _rows = ("q", "v", "tau", "a", "lam", "residuals", "statuses", "iterations", "solve_times")
-    _endings: ClassVar[Sequence[Enum]] = STATUSES
+    _endings = STATUSES
 
     proofs = renamed("residuals")
 

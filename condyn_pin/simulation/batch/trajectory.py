@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
-from enum import Enum
 from math import nan
 from os import PathLike
-from typing import Any, ClassVar, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -143,7 +141,7 @@ class BatchTrajectory(BatchResult[Trajectory]):
     seconds: float  # [s]
 
     _rows = (*ENDS, "reasons")
-    _endings: ClassVar[Sequence[Enum]] = RUN_STATUSES
+    _endings = RUN_STATUSES
     _row = "motion"
 
     slip = renamed("constraint_velocity")

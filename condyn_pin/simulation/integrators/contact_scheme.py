@@ -22,6 +22,7 @@ from typing import ClassVar, Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.problem import Law, components
@@ -211,10 +212,9 @@ class ContactScheme(Integrator, ABC):
         super().__init_subclass__()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.contact, ContactSolver):
-            raise InvalidArgument(
-                f"contact = {self.contact!r}: a contact solver is needed, such as ADMM()"
-            )
+        check_type(
+            "contact", self.contact, ContactSolver, "a contact solver is needed, such as ADMM()"
+        )
         if self.law not in self.contact.laws:
             raise InvalidArgument(
                 f"contact = {self.contact!r}: {self.title} poses the {self.law}, and "

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import HIGH, LOW, checked_names, listed
+from condyn_pin._core.arguments import HIGH, LOW, check_type, checked_names, listed
 from condyn_pin._core.arrays import Array, finite, finite_rows
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.rows.bound import ConstraintViolation
@@ -392,8 +392,7 @@ def pairs_of(
 
 def _names_there(robot: Robot, known: list[str], names: Mapping[str, str]) -> dict[str, str]:
     """Return MuJoCo's names of the robot's joints."""
-    if not isinstance(names, Mapping):
-        raise InvalidArgument(f"names = {names!r}: a mapping of our names to MuJoCo's is needed")
+    check_type("names", names, Mapping, "a mapping of our names to MuJoCo's is needed")
     for name, other in names.items():
         if name not in robot.joints:
             raise unknown_name("joint", str(name), robot.joints)
