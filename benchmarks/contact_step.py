@@ -32,10 +32,10 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise
 from condyn_pin._core.timing import Call, State, Times, interleaved
 from condyn_pin.contact import ADMM, ContactProblem, SemismoothNewton
-from condyn_pin.contact.attempts import attempt_contact
 from condyn_pin.contact.condense import condense
 from condyn_pin.contact.problem import normalised
 from condyn_pin.contact.residuals import natural_residual
+from condyn_pin.contact.solution import attempt_contact
 from condyn_pin.contact.solvers.pgs import padded
 from condyn_pin.model import together
 from condyn_pin.simulation.plan import plan

@@ -88,7 +88,7 @@ def control() -> Callable[[], object]:
 
 
 @pytest.mark.parametrize(
-    ("made", "most"), [(solve, 13), (derivatives, 18), (step, 30), (control, 25)]
+    ("made", "most"), [(solve, 13), (derivatives, 18), (step, 29), (control, 25)]
 )
 def test_a_warm_call_is_read_in_few_files(made, most):
     call = made()

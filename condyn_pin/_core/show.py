@@ -37,17 +37,23 @@ _NUMBER: Final = (
     _CELL.replace("left", "right", 1) + ";white-space:nowrap;font-variant-numeric:tabular-nums"
 )
 _TABLE: Final = "border-collapse:collapse;margin:4px 0 8px 0;background:transparent;color:inherit"
-_USABLE: Final = ("OK", "CLOSED")  # outcomes
+_USABLE: Final = ("OK", "CLOSED", "FINISHED", "ENDED")  # outcomes that are ok
 _FOLD: Final = 12  # rows of a table that are seen at once
 
 
 class Outcome(Enum):
-    """How an answer ended: a name, and as its value what that means and what would help."""
+    """How an answer ended: a name, and as its value what that means and what would help.
 
-    @property
-    def ok(self) -> bool:
-        """True if the answer can be used as it is."""
-        return self._name_ in _USABLE
+    Attributes
+    ----------
+    ok : bool
+        True if the answer can be used as it is.
+    """
+
+    ok: bool
+
+    def __init__(self, meaning: str) -> None:
+        self.ok = self._name_ in _USABLE
 
     @property
     def word(self) -> str:

@@ -1,7 +1,5 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
-from .attempts import attempt_contact as attempt_contact
-from .attempts import solve_contact as solve_contact
 from .condense import SoftContact as SoftContact
 from .condense import soft_contact as soft_contact
 from .cones import ConeRows as ConeRows
@@ -23,6 +21,8 @@ from .restitution import Poisson as Poisson
 from .restitution import RestitutionLaw as RestitutionLaw
 from .solution import ContactSolution as ContactSolution
 from .solution import ContactStatus as ContactStatus
+from .solution import attempt_contact as attempt_contact
+from .solution import solve_contact as solve_contact
 from .solvers import CONTACT_SOLVERS as CONTACT_SOLVERS
 from .solvers.admm import ADMM as ADMM
 from .solvers.contact_solver import ContactSolver as ContactSolver

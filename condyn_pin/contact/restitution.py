@@ -45,9 +45,9 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_count, check_type, listed, register
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.attempts import fallbacks, first_attempt
 from condyn_pin.contact.normal_path import End, normal_path
 from condyn_pin.contact.problem import ContactProblem, Island, island_of, islands
+from condyn_pin.contact.solution import fallbacks, first_attempt
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 
 RESTITUTION_LAWS: dict[str, type[RestitutionLaw]] = {}

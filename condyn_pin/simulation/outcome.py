@@ -167,7 +167,7 @@ class Effects:
 
 
 class RunStatus(Outcome):
-    """Outcome of a run, or the limit that a motion has left."""
+    """Outcome of a run, or the limit that a motion has left; ok within all of them."""
 
     FINISHED = "it went to its end"
     ENDED = "an event ended it"
@@ -178,11 +178,6 @@ class RunStatus(Outcome):
     OPENED = "constraints came open, or their sides moved apart"
     PENETRATED = "bodies went into each other, or joints past their stops"
     UNBALANCED = "energy appeared or vanished without work"
-
-    @property
-    def ok(self) -> bool:
-        """True if the run came to its end, or an event ended it, within the limits."""
-        return self in (RunStatus.FINISHED, RunStatus.ENDED)
 
     @property
     def went_on(self) -> bool:

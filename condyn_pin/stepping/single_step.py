@@ -21,9 +21,8 @@ from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.forces import AppliedForce, Load, applied_forces
-from condyn_pin.contact.attempts import verified
 from condyn_pin.contact.problem import MODES, ContactProblem
-from condyn_pin.contact.solution import ContactSolution, ContactStatus
+from condyn_pin.contact.solution import ContactSolution, ContactStatus, judged
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed

@@ -19,7 +19,6 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.attempts import attempt_contact, fallbacks, first_attempt
 from condyn_pin.contact.condense import Condensed
 from condyn_pin.contact.problem import (
     ContactProblem,
@@ -29,7 +28,12 @@ from condyn_pin.contact.problem import (
     stiffness_of,
 )
 from condyn_pin.contact.restitution import Strike
-from condyn_pin.contact.solution import drop_inconsistent_rows
+from condyn_pin.contact.solution import (
+    attempt_contact,
+    drop_inconsistent_rows,
+    fallbacks,
+    first_attempt,
+)
 from condyn_pin.contact.solvers.contact_solver import ContactSolver, SolverResult
 from condyn_pin.simulation.integrators.contact_scheme import (
     AT_REST,

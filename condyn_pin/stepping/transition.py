@@ -21,10 +21,10 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.attempts import attempt_contact, attempt_near
 from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactProblem, ContactSets, Level, Modes
 from condyn_pin.contact.restitution import RestitutionLaw
+from condyn_pin.contact.solution import attempt_contact, attempt_near
 from condyn_pin.contact.solvers.contact_solver import ContactSolver
 from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.events import ZenoDetected

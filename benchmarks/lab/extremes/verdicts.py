@@ -28,9 +28,8 @@ from condyn_pin._core.linalg import factorise, rank_of
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.contact.attempts import solve_contact
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.solution import ContactStatus
+from condyn_pin.contact.solution import ContactStatus, solve_contact
 from condyn_pin.contact.solvers.contact_solver import ContactSolver
 from condyn_pin.dynamics.solution import Status
 from condyn_pin.dynamics.solvers.reference import Reference

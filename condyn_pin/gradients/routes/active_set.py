@@ -10,9 +10,9 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.attempts import attempt_contact
 from condyn_pin.contact.problem import OPEN, SLIDE, ContactProblem, InModes, Modes, contact_modes
 from condyn_pin.contact.residuals import natural_residual
+from condyn_pin.contact.solution import attempt_contact
 from condyn_pin.contact.solvers.newton import SemismoothNewton, refine
 from condyn_pin.errors import SolveFailed
 from condyn_pin.gradients.routes.route import LawRoute
