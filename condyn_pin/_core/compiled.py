@@ -44,7 +44,7 @@ def check_native(native: Native) -> None:
 
 
 def refuse(reasons: Iterable[str], where_possible: str = "Native(where_possible=True)") -> None:
-    """Raise `UnsupportedBackend` if there are reasons; the argument is one with Python instead."""
+    """Raise `UnsupportedBackend` for the first reason; `where_possible` leaves such work to Python."""
     for reason in reasons:
         raise UnsupportedBackend(
             f"the compiled core does not take this: {reason}; leave it to Python, "

@@ -333,13 +333,10 @@ class Motions(Verb):
     def why_not(self, workspace: Workspace) -> Iterator[str]:
         """Yield the reasons why the core cannot simulate such motions."""
         drift, solver = self.drift, workspace.solver
-        if self.function is not None or self.forces:
-            what = (
-                "TAU is a function"
-                if self.function is not None
-                else "there are forces from outside"
-            )
-            yield f"{what}: its motions have constant torques alone"
+        if self.function is not None:
+            yield "TAU is a function: its motions have constant torques alone"
+        if self.forces:
+            yield "there are forces from outside: its motions have constant torques alone"
         if self.contacts:
             steps = SteppedRows(self.contacts, self.dt, self.integrator)  # type: ignore[arg-type]
             yield from steps.why_not(workspace)  # names another kind of integrator
