@@ -44,7 +44,7 @@ def check_native(native: Native) -> None:
 
 
 def refuse(reasons: Iterable[str], where_possible: str = "Native(where_possible=True)") -> None:
-    """Raise `UnsupportedBackend` for the first reason; `where_possible` leaves such work to Python."""
+    """Raise `UnsupportedBackend` for the first reason; the argument named leaves it to Python."""
     for reason in reasons:
         raise UnsupportedBackend(
             f"the compiled core does not take this: {reason}; leave it to Python, "

@@ -65,7 +65,7 @@ class Outcome(Enum):
         return f"{self.word}: {'; '.join(filter(None, parts))}"
 
     def __str__(self) -> str:
-        return self.text_of(self.value)
+        return self.text_of(str(self.value))
 
 
 def page(title: str, *parts: str, ok: bool | None = None) -> str:
