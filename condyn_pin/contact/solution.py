@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_accuracy_of_a, check_type
-from condyn_pin._core.arrays import Array, finite, read_only, shown
+from condyn_pin._core.arrays import Array, finite, read_only, text_of
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.show import Outcome
 from condyn_pin.contact.indeterminacy import Indeterminacy, by_rule, is_determined
@@ -30,7 +30,7 @@ from condyn_pin.contact.residuals import (
     natural_residual,
 )
 from condyn_pin.contact.solvers.admm import ADMM
-from condyn_pin.contact.solvers.base import ContactSolver, SolverResult
+from condyn_pin.contact.solvers.contact_solver import ContactSolver, SolverResult
 from condyn_pin.errors import InvalidArgument, SolveFailed
 
 # Why an answer is not ok, and its cure; a status names all cures, an error those not tried.
@@ -260,7 +260,7 @@ def attempt_contact(
     -----
     Cost: that of the solver, and about 20 us.
     """
-    return _apart(problem, solver, guess, accuracy, _insist)
+    return _solve_islands(problem, solver, guess, accuracy, _insist)
 
 
 @one_blas_thread
@@ -268,7 +268,7 @@ def attempt_near(
     problem: ContactProblem, solver: ContactSolver, guess: Array, accuracy: float
 ) -> tuple[SolverResult, float]:
     """Return the impulses that the solver finds from a guess, whatever other answers there are."""
-    return _apart(
+    return _solve_islands(
         problem, solver, guess, accuracy, _insist, lambda _, found, natural, __: (found, natural)
     )
 
@@ -278,7 +278,7 @@ def first_attempt(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
 ) -> tuple[SolverResult, float]:
     """Return the first attempt of a solver with its natural residual, accurate enough or not."""
-    return _apart(problem, solver, guess, accuracy, _first)
+    return _solve_islands(problem, solver, guess, accuracy, _first_attempt)
 
 
 @one_blas_thread
@@ -292,13 +292,13 @@ def fallbacks(
     ) -> tuple[SolverResult, float]:
         assert lam is not None
         begun = found._replace(lam=lam, iterations=0)  # those of all parts are added below
-        return _others(part, solver, begun, natural_residual(part, lam), enough)
+        return _best_of_fallbacks(part, solver, begun, natural_residual(part, lam), enough)
 
-    best, natural = _apart(problem, solver, found.lam, accuracy, others)
+    best, natural = _solve_islands(problem, solver, found.lam, accuracy, others)
     return best._replace(iterations=found.iterations + best.iterations), natural
 
 
-def _apart(
+def _solve_islands(
     problem: ContactProblem,
     solver: ContactSolver,
     guess: Array | None,
@@ -330,7 +330,7 @@ def _apart(
     return found, max(naturals) if isfinite(sum(naturals)) else nan
 
 
-def _first(
+def _first_attempt(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
 ) -> tuple[SolverResult, float]:
     """Return a cheap answer that the natural residual accepts, or else the first attempt."""
@@ -349,10 +349,12 @@ def _insist(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
 ) -> tuple[SolverResult, float]:
     """Return the first attempt that the natural residual accepts, or the best of all."""
-    return _others(problem, solver, *_first(problem, solver, guess, accuracy), accuracy)
+    return _best_of_fallbacks(
+        problem, solver, *_first_attempt(problem, solver, guess, accuracy), accuracy
+    )
 
 
-def _others(
+def _best_of_fallbacks(
     problem: ContactProblem,
     solver: ContactSolver,
     best: SolverResult,
@@ -442,8 +444,8 @@ def solve_contact(
     """
     if not isinstance(problem, ContactProblem):
         raise InvalidArgument(
-            f"problem = {shown(problem)}: a ContactProblem is needed; contact_problem(scene, q, v, "
-            "dt=...) makes that of a step"
+            f"problem = {text_of(problem)}: a ContactProblem is needed; contact_problem(scene, q, "
+            "v, dt=...) makes that of a step"
         )
     chosen = _DEFAULT if solver is None else solver
     check_type("solver", chosen, ContactSolver, "a contact solver is needed, such as ADMM()")
@@ -458,7 +460,7 @@ def solve_contact(
     with np.errstate(all="ignore"):  # the status says it
         found, natural = attempt_contact(problem, chosen, begin, accuracy)
         spent = perf_counter() - start
-        solution = judged(problem, found, natural, accuracy, spent)
+        solution = verified(problem, found, natural, accuracy, spent)
     if throw and not solution.status.ok:
         accuracies = tolerances.ADVISED_ACCURACIES
         enough = next((x for x in accuracies if solution.natural <= x), None)
@@ -472,7 +474,7 @@ def solve_contact(
     return solution
 
 
-def judged(
+def verified(
     problem: ContactProblem, found: SolverResult, natural: float, accuracy: float, solve_time: float
 ) -> ContactSolution:
     """Return an attempt with its status, judged by its natural residual."""

@@ -26,7 +26,7 @@ from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.answer import ControlAnswer, ControlResiduals, ControlStatus, active_rows
 from condyn_pin.control.hierarchy import DECIDED, SLACK, STRICTLY
 from condyn_pin.control.program import Program
-from condyn_pin.control.qp.task import Polished
+from condyn_pin.control.qp.qp_solver import Polished
 from condyn_pin.control.tasks.task import BoundTask, CompiledTask, Task
 from condyn_pin.dynamics.compiled import of_model, of_rows, why_not_rows
 from condyn_pin.dynamics.scene import Scene

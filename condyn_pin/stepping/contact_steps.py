@@ -35,7 +35,7 @@ from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.condense import condense
 from condyn_pin.contact.problem import OPEN, ContactProblem, Modes, contact_modes
 from condyn_pin.contact.restitution import Strike
-from condyn_pin.contact.solution import judged
+from condyn_pin.contact.solution import verified
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.errors import SolveFailed, StepFailed
 from condyn_pin.model.soundness import singular_mass

@@ -22,7 +22,7 @@ from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.forces import AppliedForce, Load, applied_forces
 from condyn_pin.contact.problem import MODES, ContactProblem
-from condyn_pin.contact.solution import ContactSolution, ContactStatus, judged
+from condyn_pin.contact.solution import ContactSolution, ContactStatus, verified
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed

@@ -15,7 +15,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import Call, State
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
-from condyn_pin.contact.solution import ContactSolution, attempt_contact, judged, solve_contact
+from condyn_pin.contact.solution import ContactSolution, attempt_contact, solve_contact, verified
 from condyn_pin.contact.solvers import CONTACT_SOLVERS, ContactSolver
 from condyn_pin.contact.solvers.contact_solver import SolverResult
 from condyn_pin.contact.solvers.newton import SemismoothNewton
