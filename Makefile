@@ -127,7 +127,8 @@ native: $(VENV)/ready build/native/ready
 
 build/native/ready: $(VENVN)/ready $(NATIVE)
 	rm -f build/native/*.whl  # of an older version
-	env -u MAKEFLAGS $(VENVN)/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir build/native ./native
+	env -u MAKEFLAGS $(VENVN)/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation \
+	    -C cmake.define.CONDYN_RECURSIONS=ON --wheel-dir build/native ./native
 	touch $@
 
 $(VENVN)/ready: native/pyproject.toml

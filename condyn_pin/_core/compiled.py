@@ -23,6 +23,9 @@ PROTOCOL: Final = 12
 TICK_PROTOCOL: Final = 3
 
 BUILD: Final = "pip install ./native, in a checkout of condyn_pin, builds it in some minutes"
+BUILD_RECURSIONS: Final = (
+    "pip install ./native -C cmake.define.CONDYN_RECURSIONS=ON, in a checkout of condyn_pin"
+)
 
 
 @cache
@@ -116,5 +119,5 @@ def missing_constrained_aba() -> str:
     try:
         import_module("condyn_pin_native._constrained_aba")
     except ImportError as error:
-        return f"ConstrainedABA and PV are compiled, and not installed: {BUILD} ({error})"
+        return f"ConstrainedABA and PV are not compiled: {BUILD_RECURSIONS} ({error})"
     return ""
