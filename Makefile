@@ -31,6 +31,10 @@ VENVN  := .venv-native
 NATIVE := $(shell find native -path native/build -prune -o -type f -print)
 PEERS  ?= build/peers
 BIN    := $(VENV)/bin
+# clang compiles the core in half of the time and memory of g++
+ifeq ($(origin CXX),default)
+CXX    := $(firstword $(shell command -v clang++-16 clang++) g++)
+endif
 CALLS  := $(patsubst %,tests/test_%.py,pin traps package kinds contract solvers lcaba equations derivatives impact cones \
   contact_solvers steppers integrators drift events simulate routes robot urdf transmission)
 NUMERICS := $(patsubst %,tests/test_%.py,contract weights extremes nonholonomic bridge derivatives batch \
@@ -127,7 +131,7 @@ native: $(VENV)/ready build/native/ready
 
 build/native/ready: $(VENVN)/ready $(NATIVE)
 	rm -f build/native/*.whl  # of an older version
-	env -u MAKEFLAGS $(VENVN)/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation \
+	env -u MAKEFLAGS CXX=$(CXX) $(VENVN)/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation \
 	    -C cmake.define.CONDYN_RECURSIONS=ON --wheel-dir build/native ./native
 	touch $@
 
