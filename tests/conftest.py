@@ -4,8 +4,8 @@ Tests marked `chromium` look at what a browser draws. Without one they are left 
 the run says so; where CI=true they fail. Tests marked `native` use the compiled core, and are left
 out where it is not installed, but for those to which it is optional; with `-m native` they fail.
 Tests marked `once` run on Pinocchio 4 alone. Those of `QUICK` are marked `quick`, for a first look
-at a change in under a minute. Those marked `long`, and of those marked `pairs` all but few cases of
-the product, are left out without `--long`; the end of the run says how many.
+at a change in under a minute. Those marked `long`, and of those marked `pairs` or `values` all but
+few cases of the product, are left out without `--long`; the end of the run says how many.
 """
 
 import os
@@ -88,6 +88,7 @@ def pytest_configure(config):
     config.addinivalue_line("markers", "native(optional=False): uses the compiled core")
     config.addinivalue_line("markers", "long: with --long alone, before a release")
     config.addinivalue_line("markers", "pairs: of any two parameters every pair; all with --long")
+    config.addinivalue_line("markers", "values: of each parameter every value; all with --long")
 
 
 def pytest_ignore_collect(collection_path, config):
@@ -115,11 +116,12 @@ def _deselect_long(config, items):
     products = defaultdict(lambda: defaultdict(list))  # of each function, its cases by their values
     left_out = {item for item in items if item.get_closest_marker("long")}
     for item in items:
-        if item.get_closest_marker("pairs") and item not in left_out:
-            values = tuple(map(id, item.callspec.params.values()))
-            products[item.function][values].append(item)
-    for cases in products.values():
-        for values in cases.keys() - cover([*cases]):
+        for together, marker in enumerate(("values", "pairs"), 1):
+            if item.get_closest_marker(marker) and item not in left_out:
+                values = tuple(map(id, item.callspec.params.values()))
+                products[item.function, together][values].append(item)
+    for (_, together), cases in products.items():
+        for values in cases.keys() - cover([*cases], together):
             left_out.update(cases[values])
     config.stash[_LEFT_OUT] = len(left_out)
     if hasattr(config, "workeroutput"):  # of xdist: they go to the process that writes the summary

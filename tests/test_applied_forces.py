@@ -124,6 +124,7 @@ def test_a_force_does_the_work_of_its_frame(kind):
     assert pushed.applied == PUSHED
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("axes", ["world", "body"])
 @pytest.mark.parametrize("kind", list(joints()))
 def test_torques_change_with_q_as_differences_say(kind, axes):

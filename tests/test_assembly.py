@@ -429,6 +429,7 @@ def test_the_result_is_closed_or_it_raises_and_closing_again_changes_nothing(sta
 # --- projections
 
 
+@pytest.mark.values
 @each_scene
 @pytest.mark.parametrize("metric", ["mass", "euclidean"])
 def test_projections_are_on_the_constraints_and_nearest(label, metric):
@@ -452,6 +453,7 @@ def test_projections_are_on_the_constraints_and_nearest(label, metric):
         assert abs(tangent @ W @ (x - a)) < 1e-9 * size * max(1.0, np.linalg.norm(a))
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("angle", [1e-1, 1e-4, 1e-6, 3e-7, 1e-7, 3e-8, 1e-8])
 @pytest.mark.parametrize(("lightest", "heaviest"), [(0, 0), (-1, 1), (-6, 2), (-12, 0), (-6, 6)])
 def test_closed_states_near_a_singular_one_are_projected(angle, lightest, heaviest):

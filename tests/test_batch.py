@@ -291,6 +291,7 @@ def test_shapes_and_quaternions_are_named():
             cp.solve_batch(scene, *states)
 
 
+@pytest.mark.values
 @pytest.mark.parametrize(
     ("options", "text"),
     [

@@ -282,6 +282,7 @@ def least_shift(one, two, q: np.ndarray) -> float:
     return ConvexHull(differences).equations[:, 3].max()
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("turn", [2.0, 0.1, 1e-3, 1e-4, 1e-5])
 @pytest.mark.parametrize("names", [("box", "box"), ("box", "prism"), ("plank", "prism")])
 def test_the_depth_is_the_least_shift_that_takes_them_apart(names, turn):

@@ -396,6 +396,7 @@ def parameters_of(kind: str, drift: cp.Baumgarte | None):
     return made.model, answer, d, rng
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("drift", [None, PULLED])
 @pytest.mark.parametrize("kind", [kind for kind in CONSTRAINTS if kind != "coupling"])
 def test_by_the_placement_of_a_frame(kind, drift):
@@ -493,6 +494,7 @@ def turning(name: str):
     return joint
 
 
+@pytest.mark.values
 @pytest.mark.parametrize(
     "constraint",
     [

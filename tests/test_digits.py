@@ -295,6 +295,7 @@ def test_every_method_leaves_out_the_same_rows(name, tmp_path):
     np.testing.assert_allclose(batch.a, [right.a, right.a], rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.values
 @pytest.mark.parametrize(
     "integrator",
     [

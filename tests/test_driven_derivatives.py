@@ -60,6 +60,7 @@ def check(route, scheme, scene, q, v, dt=DT, columns=slice(None), within=1e-5):
     return of, found
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("path", PATHS)
 @pytest.mark.parametrize("route", LAWS, ids=lambda each: each.title)
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda each: each.title)

@@ -137,6 +137,7 @@ def test_units_change_no_digit_of_the_equations(label, units):
     assert passive.any() or label in ("four_bar loops", "delta loops")
 
 
+@pytest.mark.pairs
 @each_units
 @each_usual_scene
 @each_solver
@@ -311,6 +312,7 @@ def test_bodies_without_mass_are_right_where_others_hold_them(solver, family, se
     assert error_of(case, solution.a, right_answers(case)[0]) < 1e-9
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("solver", [kind() for kind in SOLVERS.values() if kind.takes_every_kind])
 @pytest.mark.parametrize("severity", [0.0, 1e-17, 1e-14, 1e-9, 1e-3, 1.0])
 def test_a_row_that_is_only_rounding_is_no_row(solver, severity):
@@ -324,6 +326,7 @@ def test_a_row_that_is_only_rounding_is_no_row(solver, severity):
         pytest.fail(f"{solver} is right at {severity} and does not say so")
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("mu", [1e-3, 1e-4, 1e-5, 1e-6])
 @pytest.mark.parametrize("seed", range(6))
 def test_a_force_along_a_row_that_does_not_count_is_an_error(mu, seed):

@@ -49,6 +49,7 @@ def test_adaptive_steps_change_charts(kind, method):
     assert np.abs(one.v[-1] - many.v[-1]).max() < 1e-8
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("kind", list(CURVED))
 @pytest.mark.parametrize("integrator", FIXED)
 def test_fixed_steps_say_where_they_end(integrator, kind):

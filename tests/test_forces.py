@@ -123,6 +123,7 @@ def test_force_and_opposite_do_the_work_of_the_rows(label):
         assert np.abs(work - wanted).max() < 1e-9 * max(np.abs(wanted).max(), scene.nominal.weight)
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("kind", ["ball", "weld", "hinge", "slider", "planar", "rod"])
 @pytest.mark.parametrize("order", [("one_corner", "two_corner"), ("two_corner", "one_corner")])
 def test_newtons_third_law(kind, order):

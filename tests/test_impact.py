@@ -61,6 +61,7 @@ def test_a_rope_that_pulls_shows_in_the_notices():
     assert met.notices[0] in str(met)
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("e", [0.0, 0.5])
 @each_scene
 def test_impacts_of_every_scene(label, e):
@@ -243,7 +244,7 @@ def test_a_loop_that_snaps_shut_keeps_the_momentum(kind):
     assert np.allclose(before, after, atol=1e-12)
 
 
-@pytest.mark.pairs
+@pytest.mark.values
 @pytest.mark.parametrize("e", [0.0, 0.6])
 @pytest.mark.parametrize("kind", list(CONSTRAINTS))
 @pytest.mark.parametrize("root", list(ROOTS))

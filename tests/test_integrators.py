@@ -19,6 +19,7 @@ IMPLICIT = [
 ]  # fmt: skip
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("integrator", CLOSED, ids=repr)
 @pytest.mark.parametrize("name", ["four_bar", "stewart"])
 def test_loops_stay_closed_to_rounding(name, integrator):

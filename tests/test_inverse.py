@@ -129,6 +129,7 @@ MECHANISMS = sorted(
 )
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("contacts", [False, True])
 @pytest.mark.parametrize("name", [*MECHANISMS, "solo12", "talos"])
 def test_forward_of_inverse_is_the_acceleration(name, contacts):
@@ -276,6 +277,7 @@ def test_a_torque_that_a_motor_cannot_give_is_a_notice():
     assert gravity_compensation(cp.Scene(arm), q).notices == ()
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("seed", range(4))
 @pytest.mark.parametrize("count", [1, 2, 5])
 def test_any_map_from_motors_to_joints(seed, count):

@@ -79,6 +79,7 @@ def test_ankles_closed_by_light_rods(solver, on_feet, mass, about_itself):
         assert relative(J.T @ found.lam, J.T @ wanted.lam, floor=scene.nominal.weight) < 1e-7
 
 
+@pytest.mark.pairs
 @each
 @pytest.mark.parametrize("distance", [10.0, 1e3])
 @pytest.mark.parametrize("label", ["cassie loops", "talos contacts", "solo12 contacts"])
@@ -178,6 +179,7 @@ def test_forces_are_right_where_a_is(solver, root, lever):
         assert of_forces < FORCES / 10
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("mass", [1e-2, 1.0, 1e2])
 @pytest.mark.parametrize("share", [1e-3, 1e-5, 1e-6, 1e-7, 1e-8])
 @pytest.mark.parametrize("kind", [type(solver) for solver in FAST])

@@ -178,6 +178,7 @@ def test_a_scene_whose_first_posture_is_there():
         scene.rank(q)
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("off", [1e-5, 1e-7])
 @pytest.mark.parametrize("solver", METHODS, ids=lambda solver: type(solver).__name__)
 def test_nearby_an_answer_that_is_not_ok_says_why(scene, solver, off):
@@ -195,6 +196,7 @@ def test_elsewhere_nothing_is_said(scene):
     assert not [text for text in found.notices if "inertia" in text]
 
 
+@pytest.mark.values
 @each_of_two
 @pytest.mark.parametrize("solver", METHODS, ids=lambda solver: type(solver).__name__)
 def test_states_are_answered_but_for_those_where_M_is_singular(name, solver):
@@ -275,6 +277,7 @@ def test_a_batch_is_answered_but_for_its_rows_there(name, core):
     assert [bool(re.search(of.named, reason)) for reason in runs.reasons] == [False, True, False]
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("offset", [0.0, 1e-9, 1e-6, 1e-3, 1e-2])
 @pytest.mark.parametrize(
     "integrator",

@@ -71,6 +71,7 @@ def parallel(n: int, theta: float) -> np.ndarray:
     return np.array([theta, *([-theta, theta] * n)])
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("n", [1, 2, 10, 40])
 @pytest.mark.parametrize("theta", [1.5707963, 0.8, 2.9])
 def test_n_four_bar_moves_as_its_equation_says(n, theta):

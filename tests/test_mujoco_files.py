@@ -112,6 +112,7 @@ def test_what_mujoco_refuses(name: str) -> None:
         read(description(name), robot(name).model)
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("seed", SEEDS)
 @pytest.mark.parametrize("name", FILES)
 def test_mass_matrix_and_bias_of_a_file(name: str, seed: int) -> None:

@@ -52,6 +52,7 @@ def answers_of(scene, state):
     return answer
 
 
+@pytest.mark.values
 @pytest.mark.parametrize(
     ("name", "noise"),
     [
@@ -73,6 +74,7 @@ def test_derivatives_are_those_of_the_answer(name, noise):
         along(answers_of(scene, state), step.ravel(), found.jvp(*step))
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("noise", [(0.0, 0.3), (1e-4, 0.03)], ids=str)
 @pytest.mark.parametrize("name", SMALL)
 def test_products_and_matrices_agree(name, noise):
@@ -205,6 +207,7 @@ def test_pinocchios_own_are_refused(name, noise):
         cp.derivatives(scene, *state_near(scene, *noise), method="pinocchio")
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("restitution", [0.0, 0.6])
 @pytest.mark.parametrize("noise", [1e-8, 1e-4, 1e-3])
 @pytest.mark.parametrize("name", [*SMALL, "cassie"])
@@ -324,6 +327,7 @@ def test_open_loops_cost_no_more_where_rows_are_redundant_everywhere(name, gap):
     assert np.abs(held).max() < 100 * gap * size
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("gap", [0.0, 1e-9, 1e-6, 1e-4])
 @pytest.mark.parametrize(
     "name", ["bennett", "three cranks", "bricard", "cassie", "cassie on its feet", "delta, hinges"]

@@ -63,6 +63,7 @@ def test_held_fast_it_has_no_inertia_that_moves():
     assert np.array_equal(space.N, np.eye(38))
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("task", ["pose", "position"])
 @pytest.mark.parametrize("label", list(FRAMES))
 def test_a_force_at_the_frame_accelerates_it_as_the_matrix_says(label, task):
@@ -79,6 +80,7 @@ def test_a_force_at_the_frame_accelerates_it_as_the_matrix_says(label, task):
     assert np.abs(space.J_bar @ (space.J @ more) - more).max() < 1e-8 * size
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("task", ["pose", "position"])
 @pytest.mark.parametrize("label", list(FRAMES))
 def test_the_null_space_is_not_seen(label, task):

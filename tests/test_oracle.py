@@ -193,6 +193,7 @@ def rod_at(length: float, seed: int, beside: tuple[cp.constraints.Constraint, ..
     return scene, (q, rng.normal(size=model.nv), 10.0 * rng.normal(size=model.nv))
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("length", [1e-1, 1e-3, 1e-5, 1e-7, 1e-11, 1e-16])
 @pytest.mark.parametrize("beside", ["none", "point", "gear", "to the world"])
 def test_bounds_know_that_rounding_turns_a_short_rod(length, beside):
@@ -217,6 +218,7 @@ def test_a_rod_that_its_state_leaves_open_is_as_long_as_it_is_there():
     assert not solution.status.ok
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("seed", range(2))
 def test_bounds_are_bounds_at_any_state_of_any_kind(kind, seed):

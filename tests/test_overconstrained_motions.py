@@ -94,6 +94,7 @@ def test_substeps_are_as_long_as_those_of_a_four_bar(name):
     assert torques_asked(machines()[name]) < 1.2 * torques_asked(machines()["four_bar, hinge"])
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("name", ["bennett", "trammel", "bricard", "cassie"])
 @pytest.mark.parametrize("method", INTEGRATORS)
 def test_every_integrator_keeps_the_energy(name, method):
@@ -135,6 +136,7 @@ def off_by(name: str, noise: float, seed: int = 0) -> tuple[cp.Scene, Array, Arr
     )
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("noise", [1e-7, 1e-6, 1e-5])
 @pytest.mark.parametrize("name", [*BENNETTS, "trammel", "three cranks"])
 def test_velocities_on_open_loops_are_those_of_the_closed_machine(name, noise):

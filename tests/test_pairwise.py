@@ -25,6 +25,16 @@ def test_every_pair_is_there_and_every_value_twice(sizes):
     assert len(chosen) < 1.3 * max(a * b for a, b in combinations(sizes, 2))
 
 
+@pytest.mark.parametrize("sizes", [(19, 5), (5, 19), (3, 4, 7), (1, 4), (2, 2)], ids=str)
+def test_every_value_is_there_and_all_are_used_alike(sizes):
+    chosen = cover([*product(*map(range, sizes))], together=1)
+    assert len(chosen) == max(sizes)
+    for i, size in enumerate(sizes):
+        used = Counter(case[i] for case in chosen)
+        assert len(used) == size
+        assert max(used.values()) - min(used.values()) <= 1
+
+
 def test_pairs_that_cannot_meet_are_not_looked_for():
     cases = [case for case in product("abc", "xyz", "12") if case[:2] != ("a", "x")]
     assert len({case[:2] for case in cover(cases)}) == 8

@@ -73,6 +73,7 @@ def constraints(frame, other):
     ]
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("kind", range(len(constraints("a", "b"))))
 @pytest.mark.parametrize("form", FORMS)
 def test_every_constraint_takes_it_and_has_the_same_rows(kind, form):

@@ -96,6 +96,7 @@ def test_forces_are_those_on_the_first_frame(swap):
         assert relative(sign * one.forces[name].in_world(), two.forces[name].in_world()) < 1e-7
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("gap", [1e-12, 1e-9, 1e-7, 1e-5, 1e-3, 0.3])
 @pytest.mark.parametrize("kind", ["planar", "hinge"])
 def test_open_loops_are_solved_as_they_are(kind, gap):

@@ -77,6 +77,7 @@ def test_answer_of_the_pendulum(t):
     assert np.abs(lab.load_problem("A01").answer(t) - [float(x) for x in wanted]).max() < 1e-14
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("n", [1, 2, 40])
 @pytest.mark.parametrize("t", [0.3, 1.0, 9.7, 20.0])
 def test_answer_of_the_n_four_bar(n, t):

@@ -165,6 +165,7 @@ def test_what_gives_and_what_stands_against_it():
     assert answer.elastic.of_inequalities[0] == pytest.approx(1.0)  # either bound by one
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: type(solver).__name__)
 @pytest.mark.parametrize(
     ("lower", "upper", "verdict"),

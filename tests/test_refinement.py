@@ -55,6 +55,7 @@ def test_auto_is_the_default():
     assert "auto" not in repr(cp.Proximal(mu="auto", refinements=1))
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("kind", [cp.Proximal, cp.DenseKKT])
 @pytest.mark.parametrize("refinements", [-1, 1.5, True, 101, np.nan, "two"])
 def test_a_number_of_corrections_that_is_none_is_refused(kind, refinements):

@@ -138,6 +138,7 @@ def angle_about(at: dict[str, np.ndarray], link_name: str, axis: np.ndarray) -> 
     return float(Rotation.from_matrix(R).as_rotvec() @ axis)
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize(
     "rotor", [ROTOR, joint("ip", "a", "b", inside=DOWN), joint("ip", "b", "a")]
 )

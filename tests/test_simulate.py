@@ -339,6 +339,7 @@ def test_the_rotor_of_a_joint_has_kinetic_energy(axis):
     assert np.abs(found.energy.error).max() < 1e-10
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("drift", KEEPERS, ids=repr)
 @each_integrator
 def test_torques_belong_to_their_sample(integrator, drift):
@@ -354,6 +355,7 @@ def test_torques_belong_to_their_sample(integrator, drift):
     assert np.abs(found.tau - wanted).max() < 1e-14
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("written", [1, 2])
 @each_integrator
 def test_a_function_cannot_write_to_the_state(integrator, written):
@@ -596,6 +598,7 @@ def test_bad_input_is_refused(arguments, words):
         cp.simulate(**given)
 
 
+@pytest.mark.values
 @each_integrator
 @pytest.mark.parametrize("dt", [1.1e-150, 1e-100, 1e30, 9e149])
 def test_steps_of_any_size_end_in_a_run_or_in_an_error(integrator, dt):

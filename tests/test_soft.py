@@ -54,6 +54,7 @@ def ask_as(model: mujoco.MjModel, soft: cp.dynamics.Soft) -> None:
     model.jnt_limited[:] = False
 
 
+@pytest.mark.pairs
 @each_soft
 @pytest.mark.parametrize("moving", MOVING)
 @pytest.mark.parametrize("label", ["four_bar loops", "cassie loops", "talos foot to foot, welded"])
@@ -64,6 +65,7 @@ def test_closed_states_accelerate_as_in_mujoco(label, moving, soft):
         assert relative(found.a, mujoco_acceleration(scene, soft, q, moving * v, tau)) < AGREES
 
 
+@pytest.mark.pairs
 @each_soft
 @pytest.mark.parametrize("gap", [1e-4, 1e-2, 1.0])
 @pytest.mark.parametrize("label", ["four_bar loops", "cassie loops"])
@@ -127,6 +129,7 @@ _DRAWN = {
 }
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("exported", [False, True], ids=["the file", "exported"])
 @pytest.mark.parametrize("drawn", _DRAWN.values(), ids=_DRAWN)
 def test_weights_are_those_of_the_pose_in_which_the_file_is_drawn(drawn, exported, tmp_path):

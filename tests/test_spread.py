@@ -74,6 +74,7 @@ def test_two_balls_are_a_hinge_however_near(solver, severity, monkeypatch):
     assert len(guesses) <= 11  # two a state, two more at each spread, and one to close it
 
 
+@pytest.mark.pairs
 @pytest.mark.parametrize("other", [HANDS[1], "world"])
 @pytest.mark.parametrize("places", [(0, 1), (0, 1, -2), (0, 1, (0, 2, 1), (1, 1, 1))])
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: type(s).__name__)

@@ -103,6 +103,7 @@ def off(x: np.ndarray, right: np.ndarray, least: float = 9.81) -> float:
     return float(np.abs(x - right).max() / max(least, np.abs(right).max()))
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("noise", [1e-12, 1e-10, 1e-8, 1e-6, 1e-4])
 @pytest.mark.parametrize("name", NAMES)
 def test_the_answer_is_that_of_the_closed_machine(name, noise):
@@ -119,6 +120,7 @@ def test_the_answer_is_that_of_the_closed_machine(name, noise):
     assert off(hot.lam(), lam, force) < 1e4 * noise + 1e-7
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: type(solver).__name__)
 @pytest.mark.parametrize("name", ["bennett", "trammel", "cassie", "bricard", "stewart, hinges"])
 def test_every_method_gives_the_one_answer(name, solver):
@@ -132,6 +134,7 @@ def test_every_method_gives_the_one_answer(name, solver):
     assert off(found.lam, right.lam, 1e-6) < 1e-6
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: type(solver).__name__)
 @pytest.mark.parametrize("name", ["talos on eight points", "bricard", "bennett", "cassie"])
 def test_forces_are_the_smallest_at_any_velocity(name, solver):

@@ -69,6 +69,7 @@ def differences(start: Start, dt: float, h: float, *, by_q: bool) -> Array:
     return (8 * (off[0] - off[1]) - (off[2] - off[3])).T / (12 * h)
 
 
+@pytest.mark.pairs
 @by_both
 @pytest.mark.parametrize("dt", [1e-3, 1e-2])
 @pytest.mark.parametrize(

@@ -257,6 +257,7 @@ def test_a_stop_and_dry_friction_hold_a_joint() -> None:
     assert list(now.modes.values()) == ["slide"]
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("torque", [0.0, 0.05, 5.0, 1e3])
 @pytest.mark.parametrize("reach", [1e-3, 1e-9, 0.0])  # [rad]
 def test_stops_at_both_ends_and_dry_friction_come_to_rest(reach: float, torque: float) -> None:

@@ -472,6 +472,7 @@ def test_efforts_and_sweeps_of_nonsense_are_refused(call, said):
 # --- measures ---
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("label", ["four_bar loops", "talos contacts", "cassie on lines"])
 @pytest.mark.parametrize("measure", MEASURES.values(), ids=MEASURES)
 def test_every_measure_finds_the_default_solver_right_and_a_coarse_one_not(label, measure):

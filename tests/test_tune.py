@@ -217,6 +217,7 @@ def test_what_is_chosen_carries_the_accuracy_it_was_chosen_for(scene):
     assert pickle.loads(pickle.dumps(found)) == found
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("accuracy", [-1.0, 0.0, np.nan, "rough", None])
 @pytest.mark.parametrize("kind", [cp.Proximal, cp.dynamics.Reference, cp.dynamics.NullSpace])
 def test_an_accuracy_that_no_answer_can_have(kind, accuracy):

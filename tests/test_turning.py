@@ -195,6 +195,7 @@ def held(name: str):
     return scene, q, cp.mechanism.project_velocity(scene, q, 0.3 * v)
 
 
+@pytest.mark.values
 @pytest.mark.parametrize(
     "integrator", [cp.simulation.Rattle(), cp.simulation.Shake()], ids=lambda each: each.title
 )
@@ -238,6 +239,7 @@ def test_energy_of_turning_axes_is_kept_to_the_order_of_the_method(name):
     assert 3.5 < errors[0] / errors[1] < 4.5
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("integrator", sorted(cp.simulation.INTEGRATORS))
 @pytest.mark.parametrize("name", sorted(TURNING))
 def test_every_integrator_goes_where_the_others_go(name, integrator):

@@ -117,6 +117,7 @@ def test_a_flat_parallelogram_takes_five_iterations_more(severity):
     assert min(error_of(case, solution.a, right) for right in right_answers(case)) < 1e-12
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("severity", EXTREMES["parallelogram"].severities)
 def test_a_nearly_flat_parallelogram_is_solved_at_every_angle(severity, seed):
@@ -296,6 +297,7 @@ def test_rows_that_lose_their_grip_are_named():
     assert any("nearly singular" in notice and weak[0] in notice for notice in doubtful.notices)
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("share", [0.5, 0.95, 1.05, 2.0])
 @pytest.mark.parametrize("dt", [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1])
 def test_steps_of_every_size_on_both_sides_of_the_wall(dt, share):
@@ -319,6 +321,7 @@ def test_steps_of_every_size_on_both_sides_of_the_wall(dt, share):
     assert run.violation.max() < 1e-4
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("away", [1e3, 1e5, 3e5, 1e6, 1e7])
 @pytest.mark.parametrize(
     "solver", [cp.dynamics.Reference(), cp.dynamics.NullSpace(), cp.dynamics.GaussPrinciple()]
