@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Collection, Iterable
 
 import numpy as np
 import pytest
@@ -162,15 +162,27 @@ def calls(work: Callable[[], object]) -> int:
     return count // 2  # a call and its return
 
 
-# Robots that stand as another one does, on the same rows.
-LIKE_OTHERS = ("anymal_c", "go2", "hyq", "g1", "talos_full", "free_ball")
-each_scene = pytest.mark.parametrize(
-    "label",
-    [
-        pytest.param(label, marks=pytest.mark.long if label.split()[0] in LIKE_OTHERS else ())
-        for label in all_scenes()
-    ],
-)
+# Of every kind of row and of base one scene, and of every way in which rows are redundant.
+CHOSEN = (
+    "cassie loops + contacts", "panda contacts", "solo12 contacts", "solo12 alone",
+    "talos contacts", "delta loops", "four_bar loops", "rolling_ball contacts",
+    "rolling_disc contacts", "sleigh contacts", "talos foot to foot, welded",
+    "talos foot held twice", "four_bar rod", "four_bar geared", "talos hand on a beam",
+    "talos on edges and planes",
+)  # fmt: skip
+
+
+def each_of(
+    labels: Iterable[str], chosen: Collection[str] = CHOSEN, name: str = "label"
+) -> pytest.MarkDecorator:
+    """Give a test each of these scenes or robots; those that are not chosen are long."""
+    every = [pytest.param(x, marks=() if x in chosen else pytest.mark.long) for x in labels]
+    return pytest.mark.parametrize(name, every)
+
+
+each_scene = each_of(all_scenes())
+CHOSEN_ROBOTS = {label.split()[0] for label in CHOSEN}
+each_robot = each_of(cp.io.available_robots(), CHOSEN_ROBOTS, "name")
 each_solver = pytest.mark.parametrize("solver", [s() for s in SOLVERS.values()], ids=list(SOLVERS))
 each_exact_solver = pytest.mark.parametrize(
     "solver",

@@ -11,7 +11,7 @@ from pathlib import Path
 import fuzz_files
 import numpy as np
 import pytest
-from shared import robot
+from shared import each_robot, robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -87,7 +87,7 @@ def test_every_joint_comes_back_to_the_bit():
         assert not lost
 
 
-@pytest.mark.parametrize("name", cp.io.available_robots())
+@each_robot
 def test_every_robot_comes_back_to_the_bit(name):
     model = robot(name).model
     again, _ = model_of(*model_words(model))

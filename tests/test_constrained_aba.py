@@ -6,7 +6,7 @@ import sys
 
 import numpy as np
 import pytest
-from shared import all_scenes, relative, states, truth
+from shared import all_scenes, each_of, relative, states, truth
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -132,7 +132,7 @@ def test_a_joint_that_is_not_compiled_is_refused_by_name(kind):
 @pytest.mark.pairs
 @pytest.mark.native
 @each_kind
-@pytest.mark.parametrize("label", HELD)
+@each_of(HELD)
 @pytest.mark.parametrize("exponent", [-16, -8, -4, 0, 3])
 def test_what_says_ok_is_right_whatever_mu_is(kind, label, exponent):
     for sweeps in (1, 3, 20):

@@ -7,6 +7,7 @@ judges condyn_pin at states that satisfy the constraints, moving along them.
 from __future__ import annotations
 
 import functools
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -14,6 +15,7 @@ import pinocchio as pin
 import pytest
 from referee import MujocoReferee, truncated_svd
 from scipy.linalg import block_diag
+from shared import CHOSEN_ROBOTS
 from test_bridge import every_joint
 
 import condyn_pin as cp
@@ -183,10 +185,10 @@ def case_of(label: str, seed: int) -> Case:
     return Case(SCENES[label], seed)
 
 
+CHOSEN = {(label, 0) for label in SCENES if label.split()[0] in CHOSEN_ROBOTS}
 CASES = [
-    pytest.param((label, seed), marks=pytest.mark.long if seed else ())
-    for label in SCENES
-    for seed in SEEDS
+    pytest.param(case, marks=() if case in CHOSEN else pytest.mark.long)
+    for case in itertools.product(SCENES, SEEDS)
 ]
 
 

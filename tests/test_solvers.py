@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shared import SOLVERS, all_scenes, each_scene, relative, states, takes, truth
+from shared import SOLVERS, all_scenes, each_of, each_scene, relative, states, takes, truth
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
@@ -36,6 +36,7 @@ SMALLEST_LAM = [cp.dynamics.NullSpace(), cp.dynamics.GaussPrinciple()]
 REDUNDANT = [label for label, scene in all_scenes().items() if scene.nominal.redundant]
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("kind", DAMPED)
 @pytest.mark.parametrize("label", ["talos corners", "cassie loops", "four_bar backwards"])
 def test_damping_costs_accuracy_in_proportion(kind, label):
@@ -49,6 +50,7 @@ def test_damping_costs_accuracy_in_proportion(kind, label):
     assert np.allclose(np.array(errors[:-1]) / errors[1:], 10.0, rtol=0.05), errors
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("kind", DAMPED)
 @pytest.mark.parametrize("mu", [-1e-9, np.nan, np.inf, "1"])
 def test_damping_that_means_nothing_is_refused(kind, mu):
@@ -71,8 +73,9 @@ def test_knobs_may_be_numbers_of_numpy():
         assert np.isfinite(cp.solve(scene, *state, solver=solver, throw=False).a).all()
 
 
+@pytest.mark.values
 @pytest.mark.parametrize("solver", SMALLEST_LAM, ids=lambda s: s.title)
-@pytest.mark.parametrize("label", REDUNDANT)
+@each_of(REDUNDANT)
 def test_of_many_lam_the_smallest(solver, label):
     scene = all_scenes()[label]
     for state, right in zip(states(label), truth(label), strict=True):
@@ -80,6 +83,7 @@ def test_of_many_lam_the_smallest(solver, label):
         assert relative(found.lam, right.lam, floor=scene.nominal.weight) < 1e-9
 
 
+@pytest.mark.values
 @pytest.mark.parametrize(
     "kind", [cp.dynamics.NullSpace, cp.dynamics.GaussPrinciple, cp.dynamics.Reference]
 )

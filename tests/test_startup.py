@@ -8,7 +8,7 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from shared import imported_by_a_solve, robot
+from shared import each_of, imported_by_a_solve, robot
 
 import condyn_pin as cp
 from condyn_pin.dynamics.scene import standard_scenes
@@ -65,7 +65,7 @@ def at_rest(scene: cp.Scene) -> tuple[np.ndarray, ...]:
     return cp.dynamics.described_posture(scene), np.zeros(scene.robot.nv), np.zeros(scene.robot.nv)
 
 
-@pytest.mark.parametrize("label", SCENES)
+@each_of(SCENES)
 def test_a_first_solve_assembles_nothing_and_factorises_once(label, calls):
     scene = cp.Scene(SCENES[label].robot, SCENES[label].constraints)
     workspace = cp.Workspace(scene)

@@ -6,7 +6,7 @@ import pickle
 
 import numpy as np
 import pytest
-from shared import all_scenes, robot, states
+from shared import all_scenes, each_of, robot, states
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -17,7 +17,7 @@ from condyn_pin.model import CoupledMotor
 WITH_MOTORS = [
     label for label, scene in all_scenes().items() if scene.robot.actuated and scene.rows
 ]
-each_scene_with_motors = pytest.mark.parametrize("label", WITH_MOTORS)
+each_scene_with_motors = each_of(WITH_MOTORS)
 
 
 def four_bar(**sizes: float) -> cp.Scene:

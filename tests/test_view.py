@@ -11,6 +11,7 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
+from shared import each_robot
 from viewed import bent, cassie, drawing, held, parts, standing, swinging
 
 import condyn_pin as cp
@@ -119,7 +120,7 @@ def test_gaps_are_coloured_by_their_length():
 # What is drawn
 
 
-@pytest.mark.parametrize("name", cp.io.available_robots())
+@each_robot
 def test_every_robot_can_be_seen(name):
     robot = cp.load_robot(name)
     found = drawing(robot, robot.postures.get("standing", pin.neutral(robot.model)))
