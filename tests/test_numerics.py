@@ -191,7 +191,7 @@ def test_ok_is_never_a_lie(label, exponent, iterations, which, kind):
 
 @pytest.mark.pairs
 @pytest.mark.parametrize("moving", [0.0, 1.0])
-@pytest.mark.parametrize("angle", [10.0**-k for k in range(1, 13)])
+@pytest.mark.parametrize("angle", [1e-1, 1e-3, 1e-5, 1e-7, 1e-9, 1e-12])
 @each_solver
 def test_ok_is_no_lie_near_a_singular_configuration(solver, angle, moving):
     """A parallelogram nearly flat: lam grows as 1/angle, and a jumps at zero."""
@@ -267,7 +267,7 @@ def test_bound_of_a_small_error_is_that_of_the_nominal_state(label, mu):
 
 @pytest.mark.pairs
 @pytest.mark.parametrize("constrained", [False, True])
-@pytest.mark.parametrize("distance", [1e-1, 1e-3, 1e-4, 1e-6, 1e-8, 0.0])
+@pytest.mark.parametrize("distance", [1e-1, 1e-3, 1e-6, 0.0])
 @each_solver
 def test_ok_is_no_lie_where_the_mass_matrix_is_nearly_singular(solver, distance, constrained):
     """Euler angles near their gimbal lock: cond M grows as 1 / distance^2, and so does a."""
