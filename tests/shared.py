@@ -8,10 +8,10 @@ import sys
 from collections.abc import Callable, Collection, Iterable
 
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import compiled
 from condyn_pin.constraints.loop import axis_of as axis_of
 from condyn_pin.dynamics.scene import motor_torque, standard_scenes
@@ -118,6 +118,13 @@ def scenes_of_every_kind() -> dict[str, cp.Scene]:
     }
 
 
+# The promises of a status, as the documentation has them: of a and of J^T lam, relative; of a loop
+# that is closed [m, rad]; and of derivatives that a check has passed.
+SOLVED, FORCES, CLOSED, DERIVATIVES = 1e-8, 1e-7, 1e-10, 1e-6
+
+# The six derivatives of an answer.
+BLOCKS = ("da_dq", "da_dv", "da_dtau", "dlam_dq", "dlam_dv", "dlam_dtau")
+HAS_LCABA = not cp.LCABA.missing()  # Pinocchio 3 has none
 SOLVERS = {name: kind for name, kind in cp.dynamics.SOLVERS.items() if not kind.missing()}
 
 

@@ -20,10 +20,9 @@ import pinocchio as pin
 import pytest
 from referee import MujocoReferee
 from shared import axis_of
-from typer.testing import CliRunner
+from shell import condyn
 
 import condyn_pin as cp
-from condyn_pin.cli.main import app
 from condyn_pin.io.load import example_robot_data
 
 ROUNDING = 1e-13
@@ -613,20 +612,16 @@ def test_the_answer_is_json():
 # The command
 
 
-def run(*words: str):
-    return CliRunner().invoke(app, list(words))
-
-
 def test_the_command_compares_a_file(tmp_path):
     path = tmp_path / "cassie.xml"
     text = cp.load_robot("cassie").to_mjcf()
     path.write_text(text, encoding="utf-8")
-    result = run("compare", "cassie", str(path))
+    result = condyn("compare", "cassie", str(path))
     assert result.exit_code == 0, result.output
     assert "cassie: Pinocchio and MuJoCo agree" in result.output
     assert 'mass="0.577"' in text  # both shins
     path.write_text(text.replace('mass="0.577"', 'mass="0.6"'), encoding="utf-8")
-    result = run("compare", "cassie", str(path), "--json", "--seed", "3")
+    result = condyn("compare", "cassie", str(path), "--json", "--seed", "3")
     assert result.exit_code == 1
     said = json.loads(result.stdout)
     assert not said["ok"]
@@ -638,8 +633,8 @@ def test_the_command_takes_names_and_joints_that_are_held(tmp_path):
     path.write_text(TWO.format(**PLAIN | {"first": "s"}), encoding="utf-8")
     model, other = tmp_path / "held.xml", TWO.format(**PLAIN)
     model.write_text(other, encoding="utf-8")
-    assert run("compare", str(model), str(model)).exit_code == 0
-    named = run("compare", str(model), str(path), "--name", "shoulder=s")
+    assert condyn("compare", str(model), str(model)).exit_code == 0
+    named = condyn("compare", str(model), str(path), "--name", "shoulder=s")
     assert named.exit_code == 0, named.output
     for words, said in (
         ((str(path),), "names={'shoulder': ...}"),
@@ -648,7 +643,7 @@ def test_the_command_takes_names_and_joints_that_are_held(tmp_path):
         ((str(tmp_path / "no.xml"),), "no.xml: cannot be opened"),
         ((str(path), "--name", "shoulder=s", "--tolerance", "2"), "tolerance = 2"),
     ):
-        result = run("compare", str(model), *words)
+        result = condyn("compare", str(model), *words)
         assert isinstance(result.exception, cp.CondynError), words
         assert said in str(result.exception), words
 

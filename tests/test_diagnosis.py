@@ -7,22 +7,16 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import all_scenes, each_scene, robot
+from shell import condyn
 from test_assembly import loops_of, parallelogram, with_limits
-from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin._core.joints import indices
-from condyn_pin.cli.main import app
 from condyn_pin.io.load import robots_folder
 
 ROCKER = 0.6  # of four_bar() [m]
-
-
-def run(*words: str):
-    return CliRunner().invoke(app, list(words))
 
 
 # --- rank
@@ -272,8 +266,8 @@ def test_of_a_joint_with_several_limits_the_largest_excess_is_told():
 
 def test_a_turn_is_told_in_degrees():
     scene = all_scenes()["talos foot to foot, welded"]
-    model, (q, _) = scene.robot.model, scene.state()
-    q[indices(model, ["leg_left_6_joint"])[0]] += math.radians(3.0)
+    q, _ = scene.state()
+    q[scene.robot.index_q("leg_left_6_joint")] += math.radians(3.0)
     gap = scene.check(q).violation["left_sole_link~right_sole_link"]
     assert gap.angle == pytest.approx(math.radians(3.0), rel=1e-9)
     assert "mm and 3 deg" in str(scene.check(q))
@@ -284,7 +278,7 @@ def test_a_velocity_that_does_not_fit_is_named():
     scene = loops_of("cassie")
     q, v = scene.sample(np.random.default_rng(0))
     scene.check(q, v).raise_if_open()
-    v[indices(scene.robot.model, ["left-knee-op"])[1]] += 1.0
+    v[scene.robot.index_v("left-knee-op")] += 1.0
     check = scene.check(q, v)
     assert check.closed
     assert not check.consistent
@@ -329,16 +323,16 @@ def test_limits_are_checked_and_do_not_open_a_loop():
 
 
 def test_show_prints_the_facts_of_a_posture():
-    result = run("show", "cassie", "--posture", "standing")
+    result = condyn("show", "cassie", "--posture", "standing")
     assert result.exit_code == 0, result.output
     for said in ("12, rank 10, mobility 22", "Gruebler's count", "Delassus matrix"):
         assert said in result.output
     assert "left-tarsus-crank-joint" not in result.output
-    assert "left-tarsus-crank-joint" in run("show", "cassie", "--frames").output
+    assert "left-tarsus-crank-joint" in condyn("show", "cassie", "--frames").output
 
 
 def test_assemble_prints_a_closed_configuration():
-    result = run("assemble", "cassie", "--posture", "standing", "--fixed", "left-knee-op")
+    result = condyn("assemble", "cassie", "--posture", "standing", "--fixed", "left-knee-op")
     assert result.exit_code == 0, result.output
     assert "closed: every loop is closed" in result.output
     assert "left-knee-op" in result.output
@@ -350,11 +344,13 @@ def test_assemble_that_fails_prints_the_gap_and_exits_with_one(tmp_path):
     bent = card.replace("left-knee-op = -0.4143", "left-knee-op = -0.6")
     assert bent != card
     (tmp_path / "robot.toml").write_text(bent, encoding="utf-8")
-    result = run("assemble", str(tmp_path), "--fixed", ",".join(robot("cassie").joints))
+    result = condyn("assemble", str(tmp_path), "--fixed", ",".join(robot("cassie").joints))
     assert result.exit_code == 1
     assert "unreachable: " in result.output
-    assert run("assemble", str(tmp_path)).exit_code == 0
-    assert isinstance(run("assemble", "cassie", "--fixed", "knee").exception, cp.errors.UnknownName)
+    assert condyn("assemble", str(tmp_path)).exit_code == 0
+    assert isinstance(
+        condyn("assemble", "cassie", "--fixed", "knee").exception, cp.errors.UnknownName
+    )
 
 
 def two_arms() -> cp.Robot:

@@ -16,11 +16,11 @@ from functools import reduce
 from pathlib import Path
 
 import pytest
+from shell import condyn
 from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin._core import _pin
-from condyn_pin.cli.main import app
 from lab.cli import app as lab_app
 
 ROOT = Path(__file__).parent.parent
@@ -108,7 +108,7 @@ def test_condyn_commands_run(line, elsewhere):
         bar = cp.load_robot("four_bar")
         scene = cp.Scene(bar, bar.loops)
         cp.simulate(scene, *scene.state(), duration=0.05).save("run.npz")
-    result = CliRunner().invoke(app, shlex.split(line)[1:])
+    result = condyn(*shlex.split(line)[1:])
     assert result.exit_code in ((0,) if commands()[line] == README else (0, 1)), result.output
 
 

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from shell import condyn
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin.cli.main import app
 from lab.cli import app as lab_app
 from lab.drift import area, contest, errors, gap_growth, rod_pendulum, stability_map
 
@@ -124,10 +124,6 @@ def test_pictures_show_the_numbers(tmp_path):
     assert (tmp_path / "lab.png").read_bytes().startswith(b"\x89PNG")
 
 
-def run(*words: str):
-    return CliRunner().invoke(app, list(words))
-
-
 def measure(*words: str):
     return CliRunner().invoke(lab_app, list(words))
 
@@ -145,25 +141,25 @@ def test_condyn_drift(tmp_path):
 def test_condyn_simulate(tmp_path):
     out, csv = tmp_path / "run.npz", tmp_path / "run.csv"
     words = ("simulate", "four_bar", "--duration", "0.05", "--dt", "1e-3", "--integrator", "rattle")
-    result = run(*words, "--drift", "nodrift", "--save", str(out), "--csv", str(csv))
+    result = condyn(*words, "--drift", "nodrift", "--save", str(out), "--csv", str(csv))
     assert result.exit_code == 0, result.output
     assert "Rattle()" in result.output
     assert cp.Trajectory.load(out).t[-1] == pytest.approx(0.05)
     assert len(csv.read_text().splitlines()) == 52
-    answer = json.loads(run("simulate", "four_bar", "--duration", "0.02", "--json").stdout)
+    answer = json.loads(condyn("simulate", "four_bar", "--duration", "0.02", "--json").stdout)
     assert answer["status"] == "finished"
     assert answer["violation"] < 1e-9
-    strong = run("simulate", "four_bar", "--drift", "baumgarte", "--gain", "1e5")
+    strong = condyn("simulate", "four_bar", "--drift", "baumgarte", "--gain", "1e5")
     assert isinstance(strong.exception, cp.InvalidArgument)
     for wrong in (
         ("--integrator", "euler"), ("--drift", "none"), ("--save", str(tmp_path / "x.txt")),
         ("--save", "nowhere/run.npz"), ("--dt", "-1"), ("--solver", "magic"),
     ):  # fmt: skip
-        assert isinstance(run("simulate", "four_bar", *wrong).exception, cp.CondynError), wrong
+        assert isinstance(condyn("simulate", "four_bar", *wrong).exception, cp.CondynError), wrong
 
 
 def test_condyn_simulate_says_when_a_run_breaks_down():
-    result = run(
+    result = condyn(
         "simulate", "cassie", "--contacts", "pelvis:surface", "--integrator", "expliciteuler",
         "--duration", "0.2", "--dt", "5e-3",
     )  # fmt: skip

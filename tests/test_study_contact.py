@@ -6,12 +6,11 @@ from functools import cache
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from shell import condyn
 
 import condyn_pin as cp
 from condyn_pin import constraints as c
 from condyn_pin._core.arguments import Call, read_call
-from condyn_pin.cli.main import app
 from condyn_pin.contact import ADMM, PGS, SAP, Lemke, SemismoothNewton
 from condyn_pin.dynamics import Proximal
 from condyn_pin.gradients import ActiveSet, EventLocated, Kappa, Randomised, Softened
@@ -197,13 +196,9 @@ def test_schemes_are_compared_by_where_a_motion_ends():
 # The command
 
 
-def run(*words):
-    return CliRunner().invoke(app, list(words))
-
-
 def test_condyn_trade_prints_a_table_of_contact_solvers():
-    said = run("trade", "solo12", "--measure", "contact", "--states", "2", "--quick", "--solvers",
-               "admm,semismoothnewton", "--dt", "1e-3")  # fmt: skip
+    said = condyn("trade", "solo12", "--measure", "contact", "--states", "2", "--quick",
+                  "--solvers", "admm,semismoothnewton", "--dt", "1e-3")  # fmt: skip
     assert said.exit_code == 0
     assert "solo12 on its feet, contact" in said.stdout
     assert "ADMM" in said.stdout
@@ -220,7 +215,7 @@ def test_condyn_trade_prints_a_table_of_contact_solvers():
     ],
 )
 def test_condyn_trade_refuses_by_name(words, match):
-    said = run("trade", "solo12", *words)
+    said = condyn("trade", "solo12", *words)
     assert said.exit_code != 0
     assert match in str(said.exception)
 
@@ -228,12 +223,12 @@ def test_condyn_trade_refuses_by_name(words, match):
 def test_condyn_simulate_puts_a_robot_onto_its_feet_and_view_shows_it(tmp_path):
     motion, page = tmp_path / "motion.npz", tmp_path / "page.html"
     scheme = "Moreau(contact=ADMM(polish=True))"
-    said = run("simulate", "solo12", "--friction", "0.7", "--duration", "0.02", "--integrator",
+    said = condyn("simulate", "solo12", "--friction", "0.7", "--duration", "0.02", "--integrator",
                scheme, "--save", str(motion))  # fmt: skip
     assert said.exit_code == 0, said.stderr
     assert "Moreau(contact=ADMM(" in said.stdout
     assert max(abs(gap[0]) for gap in cp.Trajectory.load(motion).gaps.values()) < 1e-9
-    assert run("view", str(motion), "--html", str(page), "--light", "--cones").exit_code == 0
+    assert condyn("view", str(motion), "--html", str(page), "--light", "--cones").exit_code == 0
     assert "contact that sticks" in page.read_text(encoding="utf-8")
     assert "forces that friction can give" in page.read_text(encoding="utf-8")
 
@@ -289,8 +284,8 @@ def test_a_route_that_takes_no_such_steps_is_refused_by_name():
 
 
 def test_condyn_trade_prints_a_table_of_routes():
-    said = run("trade", "solo12", "--measure", "gradients", "--states", "1", "--quick", "--solvers",
-               "activeset,kappa", "--dt", "5e-3")  # fmt: skip
+    said = condyn("trade", "solo12", "--measure", "gradients", "--states", "1", "--quick",
+                  "--solvers", "activeset,kappa", "--dt", "5e-3")  # fmt: skip
     assert said.exit_code == 0, said.stderr
     assert "solo12 on its feet, gradients: " in said.stdout
     assert "of 4 rows" in said.stdout  # ActiveSet, and Kappa with three kappas

@@ -11,12 +11,12 @@ from pathlib import Path
 
 import pytest
 from shared import robot
-from typer.testing import CliRunner
+from shell import condyn
 
 import condyn_pin as cp
 from condyn_pin._core.files import parse_json
 from condyn_pin.cli import output
-from condyn_pin.cli.main import app, main
+from condyn_pin.cli.main import main
 from condyn_pin.errors import printable
 
 pytestmark = pytest.mark.once
@@ -135,7 +135,7 @@ def test_ctrl_c_in_an_import_ends_it(tmp_path):
 def test_the_command_is_what_the_package_installs():
     text = (Path(cp.__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8")
     assert 'condyn = "condyn_pin.__main__:main"' in text
-    assert CliRunner().invoke(app, ["--version"]).exit_code == 0
+    assert condyn("--version").exit_code == 0
 
 
 FOLDER = {

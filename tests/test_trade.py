@@ -14,10 +14,9 @@ import numpy as np
 import pytest
 from rich.console import Console
 from shared import all_scenes
-from typer.testing import CliRunner
+from shell import condyn
 
 import condyn_pin as cp
-from condyn_pin.cli.main import app
 from condyn_pin.study import NominalStates, Row, SampledStates, Table
 from condyn_pin.study.case import parameters_of
 from condyn_pin.study.fresh import Fresh, FreshErrors, measure_of, solver_of
@@ -498,14 +497,10 @@ def test_a_picture_of_several_scenes_wants_one_named_or_draws_them_all(tmp_path)
 # on the command line
 
 
-def run(*words: str):
-    return CliRunner().invoke(app, list(words))
-
-
 def test_condyn_trade_prints_the_front_chooses_and_writes_everything(tmp_path):
     files = {name: str(tmp_path / f"t.{name}") for name in ("csv", "json", "markdown")}
     words = [word for name, path in files.items() for word in (f"--{name}", path)]
-    result = run(
+    result = condyn(
         "trade", "four_bar", "--quick", "--solvers", "nullspace", "--error", "1e-8", *words
     )
     assert result.exit_code == 0, result.output
@@ -518,7 +513,7 @@ def test_condyn_trade_prints_the_front_chooses_and_writes_everything(tmp_path):
 
 
 def test_condyn_trade_fails_where_nothing_is_good_enough():
-    result = run("trade", "four_bar", "--quick", "--solvers", "densekkt", "--error", "1e-20")
+    result = condyn("trade", "four_bar", "--quick", "--solvers", "densekkt", "--error", "1e-20")
     assert result.exit_code == 1
     assert "DenseKKT(): 20 singular" in result.output
     assert "nothing in this table meets acceleration to 1e-20" in result.output
@@ -526,10 +521,10 @@ def test_condyn_trade_fails_where_nothing_is_good_enough():
 
 def test_condyn_trade_takes_other_measures():
     words = ("--quick", "--solvers", "nullspace", "--states", "3")
-    result = run("trade", "four_bar", "--measure", "forces", *words)
+    result = condyn("trade", "four_bar", "--measure", "forces", *words)
     assert result.exit_code == 0, result.output
     assert "four_bar loops, forces: " in result.output
-    wrong = run("trade", "four_bar", "--measure", "force", *words)
+    wrong = condyn("trade", "four_bar", "--measure", "force", *words)
     assert isinstance(wrong.exception, cp.errors.UnknownName)
     assert "forces" in str(wrong.exception)
 
@@ -546,7 +541,7 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, monkeypatch):
     monkeypatch.setattr("condyn_pin.cli.output.progress_bar", stopping)
     path = tmp_path / "t.json"
     words = ("--quick", "--solvers", "nullspace", "--states", "3", "--json", str(path))
-    result = run("trade", "four_bar", *words)
+    result = condyn("trade", "four_bar", *words)
     assert result.exit_code == 130
     assert "rows were measured" in result.output
     rows = Table.from_json(path).rows
@@ -556,10 +551,10 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, monkeypatch):
 
 def test_what_cannot_be_is_refused_before_the_run(tmp_path):
     for option in ("--csv", "--json", "--markdown", "--plot"):
-        result = run("trade", "four_bar", option, str(tmp_path / "no" / "t.png"))
+        result = condyn("trade", "four_bar", option, str(tmp_path / "no" / "t.png"))
         assert isinstance(result.exception, cp.InvalidArgument), option
         assert "make it first" in str(result.exception)
-    result = run("trade", "four_bar", "--error", "0")
+    result = condyn("trade", "four_bar", "--error", "0")
     assert isinstance(result.exception, cp.InvalidArgument)
     assert result.output == ""
 

@@ -11,14 +11,13 @@ import sys
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import all_scenes
-from typer.testing import CliRunner
+from shell import condyn
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin._core.timing import Times
-from condyn_pin.cli.main import app
 from condyn_pin.study import Choice, case, study
 from condyn_pin.study import fresh as plans
 from condyn_pin.study.fresh import Fresh, FreshErrors, fingerprint
@@ -272,12 +271,8 @@ def small_study(label: str) -> tuple[cp.study.Table, FreshErrors]:
 # on the command line
 
 
-def run(*words: str):
-    return CliRunner().invoke(app, list(words))
-
-
 def test_condyn_tune_chooses_keeps_and_says_how_to_use_it(scene):
-    result = run("trade", "--tune", "four_bar", "--solvers", "nullspace", "--error", "1e-8")
+    result = condyn("trade", "--tune", "four_bar", "--solvers", "nullspace", "--error", "1e-8")
     assert result.exit_code == 0, result.output
     for said in ("NullSpace()", "200 fresh states", "kept in", "solver=tuned(scene, 1e-08)"):
         assert said in result.output
@@ -285,7 +280,9 @@ def test_condyn_tune_chooses_keeps_and_says_how_to_use_it(scene):
 
 
 def test_condyn_tune_prints_json_and_may_keep_nothing(cache):
-    result = run("trade", "--tune", "four_bar", "--solvers", "nullspace", "--json=-", "--no-save")
+    result = condyn(
+        "trade", "--tune", "four_bar", "--solvers", "nullspace", "--json=-", "--no-save"
+    )
     assert result.exit_code == 0, result.output
     plan = json.loads(result.stdout)
     assert (plan["solver"], plan["error"]) == ("NullSpace", 1e-8)
@@ -294,6 +291,6 @@ def test_condyn_tune_prints_json_and_may_keep_nothing(cache):
 
 
 def test_condyn_tune_fails_where_nothing_is_good_enough():
-    result = run("trade", "--tune", "four_bar", "--solvers", "nullspace", "--error", "1e-20")
+    result = condyn("trade", "--tune", "four_bar", "--solvers", "nullspace", "--error", "1e-20")
     assert result.exit_code == 1
     assert "nothing in this table meets acceleration to 1e-20" in result.output

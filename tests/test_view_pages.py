@@ -20,11 +20,10 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from shared import calls, robot
-from typer.testing import CliRunner
+from shell import condyn
 from viewed import bent, drawing, standing, swinging
 
 import condyn_pin as cp
-from condyn_pin.cli.main import app
 from condyn_pin.viewing import drawing as page
 from condyn_pin.viewing import part as palette
 from condyn_pin.viewing import viewer as chromium
@@ -202,7 +201,7 @@ def test_a_mistake_is_named(wrong, said):
 
 
 def run(*words):
-    return CliRunner().invoke(app, ["view", *words])
+    return condyn("view", *words)
 
 
 def test_the_command_writes_a_page(tmp_path):

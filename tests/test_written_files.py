@@ -14,13 +14,13 @@ from typing import Any
 
 import pytest
 from shared import robot
+from shell import condyn
 from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin._core import files
 from condyn_pin._core.files import atomic_write, check_writable, write_text
 from condyn_pin._core.show import write_figure
-from condyn_pin.cli.main import app
 from condyn_pin.study import fresh as plans
 from condyn_pin.study.bench import bench
 from condyn_pin.study.case import Results
@@ -179,7 +179,7 @@ def test_a_plan_without_a_place_is_refused_before_it_is_measured(tmp_path, monke
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
     with pytest.raises(cp.InvalidArgument, match=r"the plan cannot be saved.*XDG_CACHE_HOME"):
         cp.study.tune(scene)
-    done = CliRunner().invoke(app, ["trade", "--tune", "four_bar"])
+    done = condyn("trade", "--tune", "four_bar")
     assert isinstance(done.exception, cp.InvalidArgument)
 
 
