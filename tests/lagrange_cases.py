@@ -6,12 +6,12 @@ import functools
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import sympy as sp
 from lagrange import Rows, System
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 
 GRAVITY = sp.Rational(981, 100)  # [m/s^2]
 MASS, LENGTH, PIVOT = sp.Rational(3, 2), sp.Rational(4, 5), sp.Matrix([sp.Rational(1, 5), 1])

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from lab import drift
 
 G = 9.81

@@ -10,10 +10,10 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+import pinocchio as pin
 from shared import axis_of
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 
 # Lengths a and b, twist of a and turn of the first hinge: b sin(twist a) = a sin(twist b).
 BENNETTS = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
@@ -10,7 +11,6 @@ from scipy.optimize import brentq
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Coupling, Driven, HeldJoint, Sine
 from condyn_pin.mechanism import curvature, growth_vector, is_integrable
 

@@ -10,14 +10,13 @@ import pickle
 from itertools import product
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from shared import SOLVERS, all_scenes, central, robot, states
+from shared import BLOCKS, SOLVERS, all_scenes, central, robot, states
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints.forces import Loads
 from condyn_pin.dynamics import DenseKKT
-from condyn_pin.dynamics.derivatives.differences import BLOCKS
 
 FORCE, WRENCH = (11.0, -23.0, 37.0), (11.0, -23.0, 37.0, 3.0, -5.0, 7.0)
 

@@ -10,11 +10,11 @@ from pathlib import Path
 
 import fuzz_files
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import each_robot, robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.io.model_words import model_of, model_words
 
 PLAIN = ("RX", "RY", "RZ", "RUBX", "RUBY", "RUBZ", "PX", "PY", "PZ", "Translation", "Spherical",

@@ -8,15 +8,13 @@ import math
 import pickle
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from shared import all_scenes, each_scene, robot
+from shared import CLOSED, all_scenes, each_scene, robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin._core.joints import indices
-from condyn_pin._core.tolerances import CLOSED
 from condyn_pin.mechanism.closed_chains import chains_of
 from lab.extremes.base import with_inertias
 
@@ -91,7 +89,7 @@ def test_the_same_branch_can_be_driven_to(name):
     """The motors alone, in small strides, lead from the posture to every configuration found."""
     scene, model = loops_of(name), robot(name).model
     q, _ = scene.state()
-    motors = indices(model, robot(name).actuated)[0]
+    motors = [robot(name).index_q(motor) for motor in robot(name).actuated]
     rng = np.random.default_rng(1)
     for _ in range(20):
         start = pin.integrate(model, q, 0.2 * rng.normal(size=model.nv))
@@ -290,10 +288,9 @@ def test_cassies_legs_have_signs_of_their_own():
     q, _ = scene.state()
     assembly = scene.assemble(q)
     assert set(assembly.branch) == set(scene.names)
-    model = robot("cassie").model
     flipped = q.copy()
     free = ("left-tarsus-crank-joint", "left-crank-rod-joint")
-    crank, rod = indices(model, free)[0]
+    crank, rod = (robot("cassie").index_q(name) for name in free)
     # the plantar parallelogram of the left leg folded over: crank and rod mirrored
     flipped[crank], flipped[rod] = -q[crank] - 1.0, -q[rod]
     held = [name for name in robot("cassie").joints if name not in free]
@@ -412,7 +409,7 @@ def test_the_result_is_closed_or_it_raises_and_closing_again_changes_nothing(sta
     scene = loops_of("four_bar")
     assembly = scene.assemble(start, fixed=fixed, throw=False)
     assert np.isfinite(assembly.q).all()
-    held, _ = indices(scene.robot.model, fixed)
+    held = [scene.robot.index_q(name) for name in fixed]
     assert np.array_equal(assembly.q[held], np.array(start)[held])
     if not assembly.status.ok:
         with pytest.raises((cp.errors.NotAssembled, cp.errors.BranchChanged)) as error:
@@ -514,7 +511,7 @@ def test_gauss_principle():
 def test_the_motors_give_the_state_and_its_derivative(name):
     scene, model = loops_of(name), robot(name).model
     near, _ = scene.sample(np.random.default_rng(8))
-    motors = indices(model, robot(name).actuated)[0]
+    motors = [robot(name).index_q(motor) for motor in robot(name).actuated]
     rng = np.random.default_rng(9)
     q_act = near[motors] + 0.1 * rng.normal(size=len(motors))
     v_act = rng.normal(size=len(motors))
@@ -541,9 +538,9 @@ def test_the_motors_give_the_state_and_its_derivative(name):
 def test_springs_and_base_stay_where_near_has_them():
     scene, cassie = loops_of("cassie"), robot("cassie")
     near, _ = scene.sample(np.random.default_rng(10))
-    motors, _ = indices(cassie.model, cassie.actuated)
+    motors = [cassie.index_q(name) for name in cassie.actuated]
     state = cp.mechanism.complete_state(scene, near[motors] + 0.05, near=near)
-    kept, _ = indices(cassie.model, [spring.joint for spring in cassie.springs])
+    kept = [cassie.index_q(spring.joint) for spring in cassie.springs]
     assert np.array_equal(state.q[kept], near[kept])
     assert np.abs(state.q[:7] - near[:7]).max() < 1e-15  # but for normalising
     assert state.undetermined == 12  # the base, and in each leg two springs and the spin of a rod
@@ -678,7 +675,7 @@ def test_bad_input_is_named(call, text):
 def test_many_are_closed_as_one_by_one(name):
     scene = loops_of(name)
     motors = scene.robot.actuated
-    iq, _ = indices(scene.robot.model, motors)
+    iq = [scene.robot.index_q(name) for name in motors]
     rng = np.random.default_rng(5)
     angles = scene.state()[0][iq] + 0.1 * rng.normal(size=(6, len(motors)))
     Q, closed = cp.mechanism.assemble_batch(scene, angles)
@@ -696,7 +693,7 @@ def test_many_are_closed_as_one_by_one(name):
 
 def test_what_cannot_be_closed_is_masked():
     scene = loops_of("delta")
-    iq, _ = indices(scene.robot.model, scene.robot.actuated)
+    iq = [scene.robot.index_q(name) for name in scene.robot.actuated]
     start = scene.state()[0][iq]
     far = start + np.array([np.zeros(3), [np.pi, 0.0, 0.0]])
     Q, closed = cp.mechanism.assemble_batch(scene, far)

@@ -9,13 +9,13 @@ from typing import Any
 
 import crash
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shared import HAS_LCABA, unsupported_constraints
 
 import condyn_pin as cp
-from condyn_pin._core._pin import HAS_LCABA, pin
-from condyn_pin.dynamics.workspace import unsupported_constraints
 
 GRAVITY = 9.81
 Case = tuple[Callable[[], Any], str]

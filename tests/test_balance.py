@@ -5,11 +5,11 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.control import SupportPolygon, balance, support_polygon
 from condyn_pin.mechanism import project_velocity, without

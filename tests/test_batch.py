@@ -18,13 +18,11 @@ from time import sleep
 import numpy as np
 import pytest
 from lost import KillsOnce
-from shared import all_scenes
+from shared import BLOCKS, all_scenes, motor_torque
 
 import condyn_pin as cp
 from condyn_pin._core import rows, work
 from condyn_pin._core.work import Kind, SharedArrays
-from condyn_pin.dynamics.derivatives.differences import BLOCKS
-from condyn_pin.dynamics.scene import motor_torque
 from condyn_pin.simulation.batch.inputs import PickledRecipe, Recipe
 
 LABELS = ("talos contacts", "cassie loops", "four_bar loops", "solo12 alone")

@@ -8,13 +8,11 @@ from dataclasses import fields
 
 import numpy as np
 import pytest
-from shared import all_scenes, each_scene, robot
+from shared import HAS_LCABA, all_scenes, each_scene, motor_torque, robot, standard_scenes
 
 import condyn_pin as cp
 from condyn_pin._core import timing
-from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin._core.timing import Times, interleaved, machine
-from condyn_pin.dynamics.scene import motor_torque, standard_scenes
 from condyn_pin.study.bench import (
     BY_HAND,
     METHODS,

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import oracle as decimals
+import pinocchio as pin
 import pytest
 from shared import all_scenes, relative, states
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 
 # Seeds without external forces, with constraints of every kind among them.
 SEEDS = range(60)

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 from distributed import Client, LocalCluster
 from lost import KillsOnce
-from shared import all_scenes
+from shared import BLOCKS, all_scenes, motor_torque
 
 import condyn_pin as cp
-from condyn_pin.dynamics.derivatives.differences import BLOCKS
-from condyn_pin.dynamics.scene import motor_torque
 
 pytestmark = pytest.mark.once
 

@@ -7,6 +7,7 @@ import functools
 import pickle
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
@@ -14,7 +15,6 @@ from scipy.optimize import linprog
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Constraint, KnifeEdge, LineContact, PlanarContact, RollingBall
 from condyn_pin.contact import FrictionCone, WrenchCone, cone_rows, margins
 from condyn_pin.dynamics.solution import Sites

@@ -5,16 +5,14 @@ from __future__ import annotations
 import sys
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from shared import all_scenes, each_of, relative, states, truth
+from shared import SOLVED, all_scenes, each_of, relative, states, truth, unsupported_constraints
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import constrained_aba, missing_constrained_aba
-from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics import PV, ConstrainedABA
 from condyn_pin.dynamics.compiled import CompiledMethod
-from condyn_pin.dynamics.workspace import unsupported_constraints
 
 each_kind = pytest.mark.parametrize("kind", [ConstrainedABA, PV])
 HELD = [

@@ -6,11 +6,11 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 
 
 def test_names_and_rows():

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shared import HAS_LCABA
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin.contact import (
     ADMM,
     CONTACT_SOLVERS,

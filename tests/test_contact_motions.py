@@ -7,12 +7,11 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Ball, Box, FrictionalContact, JointFriction, JointLimit, Plane
 from condyn_pin.contact import Lemke, SemismoothNewton, solve_contact
 from condyn_pin.model import free_ball, free_box, together
@@ -80,7 +79,7 @@ def test_what_spins_on_a_plane_flies_straight_too() -> None:
     assert now.dynamics_error < 1e-15
 
 
-def momentum(scene: cp.Scene, q: Array, v: Array) -> Array:
+def momentum(scene: cp.Scene, q: np.ndarray, v: np.ndarray) -> np.ndarray:
     """Linear momentum, and angular momentum about the origin of the world."""
     model = scene.robot.model
     data = model.createData()
@@ -182,7 +181,7 @@ def test_a_function_that_returns_nan_is_named(scheme: cp.simulation.Integrator) 
     scene = ball_scene() if scheme.takes_contacts else ball_scene().closed()
     state = (0, 0, 0.05, *UPRIGHT), np.zeros(6)
 
-    def tau(t: float, q: Array, v: Array) -> Array:
+    def tau(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return np.where(np.arange(6) == 2, np.nan if t > 0.0015 else 0.0, 0.0)
 
     run = cp.simulate(scene, *state, tau, duration=0.01, integrator=scheme)
@@ -225,7 +224,9 @@ def test_what_is_no_contact_problem_is_named() -> None:
         cp.step(scene, q, np.zeros(6), False, dt=1e-3)
 
 
-def dropped(turn: Array, order: tuple[int, ...] = (0, 1, 2, 3)) -> tuple[cp.Scene, Array, Array]:
+def dropped(
+    turn: np.ndarray, order: tuple[int, ...] = (0, 1, 2, 3)
+) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
     """A box that lands on its corners while it turns and slides, in a world that is turned."""
     box = free_box(size=(0.2, 0.16, 0.1))
     model = pin.Model(box.model)

@@ -7,13 +7,12 @@ from math import cos, sin, sqrt
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
 
 import condyn_pin as cp
 from condyn_pin import FrictionalContact
-from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Ball, Plane
 from condyn_pin.contact import SemismoothNewton
 from condyn_pin.dynamics import contact_gaps
@@ -36,7 +35,7 @@ def box_scene(friction: float, plane: Plane = FLOOR) -> cp.Scene:
     return cp.Scene(free_box(mass=1.0, size=(0.2, 0.2, 0.1)), contacts=corners)
 
 
-def lying(deep: float = 0.0) -> Array:
+def lying(deep: float = 0.0) -> np.ndarray:
     return np.array([0, 0, 0.05 - deep, 0, 0, 0, 1.0])
 
 

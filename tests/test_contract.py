@@ -7,8 +7,10 @@ import pickle
 import re
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import (
+    SOLVED,
     SOLVERS,
     all_scenes,
     each_scene,
@@ -18,13 +20,11 @@ from shared import (
     states,
     takes,
     truth,
+    unsupported_constraints,
 )
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
-from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.dynamics.workspace import unsupported_constraints
 
 
 def almost_hard(solver: cp.dynamics.Solver, softness: float) -> cp.dynamics.Solver:

@@ -13,11 +13,11 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.contact import FrictionCone
 from condyn_pin.control import CenterOfMass, Controller, JointTask, Orientation, Posture
 from condyn_pin.mechanism import project_velocity

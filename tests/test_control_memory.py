@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from own_task import own_task
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.control import (
     Actuation,

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 from shared import all_scenes, each_scene, robot
 
 import condyn_pin as cp
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.linalg import factorise, least_change
-from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact import FrictionCone
 from condyn_pin.control import CenterOfMass, Controller, FrameTask, Orientation, Posture
 from condyn_pin.control.limits import locked_velocity
@@ -113,7 +112,7 @@ def test_rows_that_have_no_cone_are_formed_alone() -> None:
 @each_scene
 def test_the_jacobian_of_points_and_frames_needs_no_motion(label: str) -> None:
     scene = all_scenes()[label]
-    equations = Equations(scene.robot.model, scene.bounds)
+    equations = cp.Workspace(scene).equations
     (q, v), (other, _) = (scene.sample(np.random.default_rng(seed)) for seed in (0, 1))
     wanted = equations.position_level(q)[1]
     equations.errors(other, v, 0 * v, v, np.ones(scene.rows))

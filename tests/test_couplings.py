@@ -12,7 +12,6 @@ from shared import relative
 
 import condyn_pin as cp
 from condyn_pin.constraints import Coupling, Driven, HeldJoint, Sine
-from condyn_pin.constraints.rows.equations import Equations
 
 EPICYCLIC = {"sun": 30.0, "ring": 70.0, "carrier": -100.0}  # by teeth
 CAM = Coupling("ring", "sun", 0.5, 0.1, (0.2, -0.3, 0.1), name="cam")
@@ -41,7 +40,7 @@ def swinging() -> cp.Robot:
 
 def violation(scene: cp.Scene, q: np.ndarray) -> np.ndarray:
     """c(q) of a scene."""
-    return Equations(scene.robot.model, scene.bounds).violation(q)
+    return cp.Workspace(scene).violation(q)
 
 
 def test_an_epicyclic_gear_has_its_closed_form():

@@ -5,15 +5,14 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from motions import body
-from shared import all_scenes, central, each_scene, robot, states
+from shared import BLOCKS, DERIVATIVES, all_scenes, central, each_scene, robot, states
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin._core.tolerances import DERIVATIVES
 from condyn_pin.dynamics.derivatives import METHODS
-from condyn_pin.dynamics.derivatives.differences import BLOCKS, check_derivatives
+from condyn_pin.dynamics.derivatives.differences import check_derivatives
 
 ROOTS = {
     "revolute": pin.JointModelRY,

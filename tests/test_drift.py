@@ -7,12 +7,12 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from motions import bar, hanging_cassie, rod_pendulum
-from shared import SOLVERS, all_scenes, relative, robot, states, takes
+from shared import HAS_LCABA, SOLVERS, all_scenes, relative, robot, states, takes
 
 import condyn_pin as cp
-from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin.simulation.gaps import FactorisedGaps, SolvedGaps, gaps_of
 from condyn_pin.simulation.stability import growth, is_beyond, stability_limit
 from condyn_pin.simulation.system import System

@@ -7,13 +7,13 @@ import pickle
 from dataclasses import dataclass, replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
-from shared import each_exact_solver
+from shared import each_exact_solver, unsupported_constraints
 from viewed import parts
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints import (
     Coupling,
     Driven,
@@ -27,7 +27,6 @@ from condyn_pin.constraints import (
     analytic,
 )
 from condyn_pin.control import minimum_jerk
-from condyn_pin.dynamics.workspace import unsupported_constraints
 from condyn_pin.mechanism import complete_state
 from condyn_pin.simulation import INTEGRATORS
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.optimize import brentq
 from test_driven_contacts import BOX, FRICTION, GRAVITY, SLIDE, driven_bar, pushing
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints import FrictionalContact, Plane, Polynomial, Sine
 from condyn_pin.contact import ADMM
 from condyn_pin.gradients import (

@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 from shared import all_scenes, each_scene, relative, states
 
 import condyn_pin as cp
 from condyn_pin._core import _pin
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints.rows.bound import Bound
-from condyn_pin.constraints.rows.equations import Equations
 
 
-def equations(label: str) -> Equations:
+def equations(label: str):
     scene = all_scenes()[label]
-    return Equations(scene.robot.model, scene.bounds)
+    return cp.Workspace(scene).equations
 
 
 def central(f, model, q, h=1e-6):

@@ -7,13 +7,12 @@ from math import atan2, cos, hypot, pi, sin, sqrt
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
 from scipy.optimize import brentq
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import (
     Ball,
     Box,
@@ -35,13 +34,13 @@ G = 9.81
 LOCATED = EventDriven()
 
 
-def bouncing(restitution: float = 0.8) -> tuple[cp.Scene, Array]:
+def bouncing(restitution: float = 0.8) -> tuple[cp.Scene, np.ndarray]:
     ball = free_ball(mass=1.0, radius=0.05)
     touch = FrictionalContact("ball", Ball(0.05), friction=0.2, restitution=restitution)
     return cp.Scene(ball, contacts=[touch]), np.array([0, 0, 0.55, 0, 0, 0, 1.0])
 
 
-def box_scene(friction: float, slope: float = 0.0) -> tuple[cp.Scene, Array]:
+def box_scene(friction: float, slope: float = 0.0) -> tuple[cp.Scene, np.ndarray]:
     """A box of 1 kg on four points, on a plane through the origin that rises along x."""
     box = free_box(mass=1.0, size=(0.2, 0.2, 0.1))
     plane, R = Plane(normal=(-sin(slope), 0, cos(slope))), pin.utils.rotate("y", -slope)
@@ -162,7 +161,7 @@ def pushed(dt: float, inner: cp.simulation.Integrator) -> tuple[float, float, fl
     """
     scene, q = box_scene(0.5)
 
-    def tau(t: float, q: Array, v: Array) -> Array:
+    def tau(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return np.array([8 * sin(5 * t), 0, 0, 0, 0, 0])
 
     run = cp.simulate(
@@ -377,9 +376,9 @@ def test_rows_of_contacts_change_as_their_drift_says() -> None:
         q = pin.integrate(robot.model, scene.state()[0], 0.5 * rng.normal(size=robot.nv))
 
         def slip(
-            s: float, q: Array = q, v: Array = v, data: object = data,
+            s: float, q: np.ndarray = q, v: np.ndarray = v, data: object = data,
             candidates: Candidates = candidates,
-        ) -> Array:  # fmt: skip
+        ) -> np.ndarray:  # fmt: skip
             there = pin.integrate(robot.model, q, s * v)
             pin.computeJointJacobians(robot.model, data, there)
             return candidates.evaluate(data, there)[1] @ v
@@ -393,7 +392,7 @@ def test_rows_of_contacts_change_as_their_drift_says() -> None:
 def test_what_is_not_finite_ends_the_run(bad: float) -> None:
     scene, q = bouncing()
 
-    def tau(t: float, q: Array, v: Array) -> Array:
+    def tau(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return np.full(6, bad if t > 0.35 else 0.0)
 
     run = cp.simulate(scene, q, np.zeros(6), tau, duration=0.6, dt=0.02, integrator=LOCATED)

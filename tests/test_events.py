@@ -5,12 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from motions import G, bar, body, falling
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 
 RunStatus = cp.simulation.RunStatus
 

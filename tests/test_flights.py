@@ -6,12 +6,12 @@ from dataclasses import replace
 from functools import cache
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Ball, Plane
 from condyn_pin.simulation import INTEGRATORS
 from condyn_pin.simulation.manifold import Manifold

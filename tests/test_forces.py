@@ -7,12 +7,12 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import all_scenes, axis_of, each_scene, robot, states
 from test_traps import two_boxes
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints.rows.special import BoundCoupling
 
 GRAVITY = 9.81

@@ -10,12 +10,12 @@ from dataclasses import replace
 
 import contact_judge as judge
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints import FrictionalContact, HeldJoint, Plane
 from condyn_pin.model import together
 from condyn_pin.stepping import step_batch

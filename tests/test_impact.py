@@ -6,6 +6,7 @@ import functools
 import pickle
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,7 +16,6 @@ from test_traps import two_boxes
 
 import condyn_pin as cp
 from condyn_pin._core import _pin
-from condyn_pin._core._pin import pin
 
 
 def body(mass: float, inertia: np.ndarray) -> cp.Robot:

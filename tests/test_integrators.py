@@ -5,12 +5,12 @@ from __future__ import annotations
 import re
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from motions import bar, body, hanging_cassie, rod_pendulum
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 
 CLOSED = [kind() for kind in cp.simulation.INTEGRATORS.values() if kind.keeps_constraints]
 IMPLICIT = [

@@ -6,12 +6,11 @@ import dataclasses
 import pickle
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import relative, robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin._core.joints import indices
 from condyn_pin.control import Actuation, gravity_compensation
 from condyn_pin.model import CoupledMotor
 
@@ -371,8 +370,7 @@ def test_actuation_is_a_value():
     assert copy == motors
     assert hash(copy) == hash(motors)
     assert np.array_equal(copy.B, motors.B)
-    model = solo.model
-    _, rows = indices(model, ("FL_KFE", "HR_HAA"))
+    rows = [solo.index_v(name) for name in ("FL_KFE", "HR_HAA")]
     assert motors.B.shape == (18, 2)
     assert np.count_nonzero(motors.B) == 2
     assert motors.B[rows[0], 0] == 1.0

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from shared import relative, robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin.constraints.rows.equations import Equations
 
 GRAVITY = 9.81
 INERTIA = pin.Inertia(
@@ -204,7 +203,7 @@ def test_an_axis_that_points_backwards_is_half_a_turn_off():
     """Not closed: the cross product of the axes alone would be zero."""
     _, free = loose(pin.JointModelRZ(), pin.SE3.Identity(), pin.SE3.Identity())
     scene = cp.Scene(free, [cp.Loop("on_body", "on_world", "hinge", axis="z")])
-    c = Equations(free.model, scene.bounds).violation
+    c = cp.Workspace(scene).violation
     upright = np.array([0, 0, 0, 0, 0, np.sin(0.7), np.cos(0.7)])
     assert np.abs(c(upright)).max() < 1e-15
     for flipped in ([1.0, 0, 0, 0], [0, 1.0, 0, 0]):
@@ -223,7 +222,7 @@ def test_a_backward_axis_shows_beside_another_hinge(axis, other):
     hinges = [
         cp.Loop("on_body", "on_world", "hinge", a, name=n) for n, a in (("1", axis), ("2", other))
     ]
-    c = Equations(free.model, cp.Scene(free, hinges).bounds).violation
+    c = cp.Workspace(cp.Scene(free, hinges)).violation
     for flip in np.eye(3):
         q = np.array([0, 0, 0, *flip, 0.0])
         for k, a in enumerate((axis, other)):

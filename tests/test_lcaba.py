@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from shared import all_scenes, relative, states, truth
+from shared import FORCES, HAS_LCABA, SOLVED, all_scenes, relative, states, truth
 
 import condyn_pin as cp
-from condyn_pin._core._pin import HAS_LCABA, pin
-from condyn_pin._core.tolerances import FORCES, SOLVED
 
 FAST = [cp.Proximal(), *([cp.LCABA()] if HAS_LCABA else [])]
 each = pytest.mark.parametrize("solver", FAST, ids=lambda s: type(s).__name__)

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 from shared import all_scenes, each_scene
 
-from condyn_pin._core._pin import pin
-from condyn_pin.constraints.rows.equations import MANY, BatchedGaps, Equations
+import condyn_pin as cp
+from condyn_pin.constraints.rows.equations import MANY, BatchedGaps
 
 ROUNDING = 1e-12  # of gaps and slips of a few units; measured: 2e-15
 
@@ -15,7 +16,7 @@ ROUNDING = 1e-12  # of gaps and slips of a few units; measured: 2e-15
 def test_gaps_of_many_states_are_those_of_each(label):
     scene = all_scenes()[label]
     model, rng = scene.robot.model, np.random.default_rng(4)
-    equations = Equations(model, scene.bounds)
+    equations = cp.Workspace(scene).equations
     many = BatchedGaps(equations)
     for count in (MANY, 3):  # what the first have left behind is not in the way of others
         home = pin.neutral(model)

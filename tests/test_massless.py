@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from oracle import Oracle
 from shared import SOLVERS, central
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 
 AXES = {
     "yaw": pin.JointModelRZ, "pitch": pin.JointModelRY, "roll": pin.JointModelRX,

@@ -5,11 +5,11 @@ from __future__ import annotations
 import inspect
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import relative, robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.model.mechanisms import MECHANISMS
 from condyn_pin.model.mechanisms.registry import mechanism
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from test_contact_pairs import COMBINATIONS, SHAPES, above, near, placed, scene_of
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Ball, Box
 from condyn_pin.constraints.contacts.shapes import box_core, points_core
 from condyn_pin.constraints.partials.contacts import (

@@ -10,14 +10,12 @@ import pickle
 
 import numpy as np
 import pytest
-from shared import all_scenes, relative, robot
+from shared import all_scenes, motor_torque, relative, robot
 
 import condyn_pin as cp
 import lab
-from condyn_pin._core.joints import indices
 from condyn_pin._core.timing import Times
 from condyn_pin._core.tolerances import EXACT
-from condyn_pin.dynamics.scene import motor_torque
 from lab import hierarchy
 from lab.hierarchy import climb, draw_hierarchy, save_hierarchies
 from lab.same_motion import loaded, same_motion, standing_torque
@@ -74,7 +72,7 @@ def test_the_errors_are_those_of_the_smaller_scene():
         tau = motor_torque(scene.robot, rng)
         a = cp.solve(scene, q, v, tau).a
         b = cp.solve(found.scene, *found.scene.reduce_state(q, v), found.scene.reduce_torque(tau)).a
-        where = [indices(s.robot.model, found.watch)[1] for s in (scene, found.scene)]
+        where = [[*map(s.robot.index_v, found.watch)] for s in (scene, found.scene)]
         errors.append(relative(b[where[1]], a[where[0]]))
     assert max(errors) == pytest.approx(found.errors.a_worst, rel=1e-3)
     assert np.median(errors) == pytest.approx(found.errors.a_median, rel=1e-3)
@@ -85,7 +83,7 @@ def test_joints_that_the_motion_leaves_alone_are_locked():
     scene = all_scenes()["talos corners"]
     arms = [name for name in scene.robot.joints if name.startswith(("arm", "gripper", "head"))]
     raised = scene.state()[0]
-    raised[indices(scene.robot.model, arms[:1])[0]] += 0.3
+    raised[scene.robot.index_q(arms[0])] += 0.3
     small = scene.lock(arms, raised)
     rng = np.random.default_rng(1)
     motion = []
@@ -97,7 +95,7 @@ def test_joints_that_the_motion_leaves_alone_are_locked():
         # what holds the arms: inverse dynamics with the accelerations of the locked scene
         terms = cp.Workspace(scene).terms(q_full, v_full)
         tau = terms.M @ a_full + terms.h
-        _, held = indices(scene.robot.model, arms)
+        held = [*map(scene.robot.index_v, arms)]
         only = np.zeros(scene.robot.nv)
         only[held] = tau[held]
         motion.append((q_full, v_full, only))
@@ -263,9 +261,10 @@ def test_the_same_motion_is_closed_in_every_rung(name):
 def test_springs_are_bent_until_they_carry_the_load():
     """Standing, with the free springs bent and acting, nothing accelerates."""
     scene = all_scenes()["cassie loops + contacts"]
-    model, springs = scene.robot.model, scene.robot.springs
+    springs = scene.robot.springs
     q = loaded(scene)
-    bent, moved = indices(model, [spring.joint for spring in springs])
+    bent = [scene.robot.index_q(spring.joint) for spring in springs]
+    moved = [scene.robot.index_v(spring.joint) for spring in springs]
     assert all(1e-3 < abs(angle) < 0.1 for angle in q[bent])
     rigid = scene.lock([spring.joint for spring in springs])
     source = (*rigid.state(), standing_torque(rigid, rigid.state()[0]))

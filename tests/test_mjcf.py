@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from fuzz import assert_survived
 from hypothesis import HealthCheck, given, settings
@@ -16,7 +17,6 @@ from shared import axis_of
 from shared import robot as shared_robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 
 AGREES = 1e-12
 INERTIAL = '<inertial pos="0.1 0.02 -0.03" mass="2" diaginertia="0.02 0.03 0.04"/>'

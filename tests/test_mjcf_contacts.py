@@ -7,10 +7,10 @@ from itertools import product
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints import (
     Ball,
     Box,

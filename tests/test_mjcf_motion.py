@@ -12,15 +12,14 @@ from pathlib import Path
 
 import mujoco
 import numpy as np
+import pinocchio as pin
 import pytest
 from fuzz import assert_survived
 from referee import MujocoReferee
 
 import condyn_pin as cp
-from condyn_pin._core._pin import dry_friction, pin
+from condyn_pin._core._pin import dry_friction
 from condyn_pin.constraints import Coupling, HeldJoint, JointFriction
-from condyn_pin.constraints.kinds import bind
-from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.control import Actuation
 from condyn_pin.errors import InvalidModel, UnmodelledWarning
 from condyn_pin.model import CoupledMotor
@@ -169,12 +168,12 @@ def test_random_models_move_as_in_mujoco(tmp_path, seed):
         theirs = referee.mass_matrix(q), referee.bias(q, v), referee.passive(q, v)
         assert max(map(off, terms(robot, q, v), theirs)) < AGREES
         violation, J = referee.equality(q)
-        equations = Equations(robot.model, bind(robot, robot.loops))
-        ours = cp.Workspace(cp.Scene(robot, robot.loops)).jacobian(q)
+        workspace = cp.Workspace(cp.Scene(robot, robot.loops))
+        ours = workspace.jacobian(q)
         assert ours.shape == J.shape
         scale = (ours * J).sum(axis=1) / (ours**2).sum(axis=1)  # a row may have any length
         assert off(scale[:, None] * ours, J) < AGREES
-        assert off(scale * equations.violation(q), violation) < AGREES
+        assert off(scale * workspace.violation(q), violation) < AGREES
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -185,7 +184,7 @@ def test_random_models_are_written_and_read_again(tmp_path, seed):
     assert one.spring_dampers == two.spring_dampers
     q, v = state_of(one, seed)
     assert max(map(off, terms(two, q, v), terms(one, q, v))) < AGREES
-    gaps = [Equations(r.model, bind(r, r.loops)).violation(q) for r in (one, two)]
+    gaps = [cp.Workspace(cp.Scene(r, r.loops)).violation(q) for r in (one, two)]
     assert np.allclose(*gaps, rtol=0.0, atol=1e-12)
 
 

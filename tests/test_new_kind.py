@@ -23,7 +23,6 @@ from viewed import parts
 
 import condyn_pin as cp
 from condyn_pin.constraints.constraint import KINDS
-from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 
 KIND = '''
@@ -162,7 +161,7 @@ def state(scene):
 
 def test_the_rate_of_the_distance_is_j_v(scene, state):
     q, *_ = state
-    model, equations, h = scene.robot.model, Equations(scene.robot.model, scene.bounds), 1e-5
+    model, equations, h = scene.robot.model, cp.Workspace(scene).equations, 1e-5
     w = np.random.default_rng(1).normal(size=model.nv)
 
     def at(step):

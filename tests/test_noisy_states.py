@@ -2,12 +2,12 @@
 
 import noise as noisy
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.linalg import null_space
 from shared import axis_of
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 
 
 def flat_parallelogram(kind: str) -> cp.Scene:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -12,7 +13,6 @@ from hypothesis.extra.numpy import arrays
 from shared import all_scenes, each_scene, each_solver, states, truth
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin._core.linalg import (
     add,
     exact_product,
@@ -24,7 +24,6 @@ from condyn_pin._core.linalg import (
 )
 from condyn_pin._core.tolerances import REFERENCE_RANK
 from condyn_pin.constraints import Terms
-from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.residuals import ErrorEstimator
 
 numbers = st.floats(-1e100, 1e100).filter(lambda x: x == 0 or abs(x) > 1e-100)
@@ -146,7 +145,7 @@ def test_reference_gains_digits_by_refinement():
 def test_bound_is_one_at_the_nominal_state(label):
     """Whatever the residuals are made of: errors along light joints, rows, or everything."""
     scene = all_scenes()[label]
-    equations = Equations(scene.robot.model, scene.bounds)
+    equations = cp.Workspace(scene).equations
     nominal = scene.nominal.states[1]
     exact = cp.solve(scene, nominal.q, nominal.v, nominal.tau, solver=cp.dynamics.Reference())
     scale = max(np.abs(exact.a).max(), scene.nominal.estimator.gravity)
@@ -175,7 +174,7 @@ def test_bound_is_one_at_the_nominal_state(label):
 )
 def test_ok_is_never_a_lie(label, exponent, iterations, which, kind):
     """Away from the nominal state, whatever mu and however few iterations."""
-    from condyn_pin._core._pin import HAS_LCABA
+    from shared import HAS_LCABA
 
     if kind is cp.LCABA and not HAS_LCABA:
         kind = cp.Proximal
@@ -215,7 +214,7 @@ def test_a_doubtful_answer_is_judged_at_its_own_state():
     """The nominal sigma, 70 times too large at this posture, would call some of these ok."""
     bar = cp.model.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
     scene = cp.Scene(bar, bar.loops)
-    equations, nominal = Equations(bar.model, scene.bounds), scene.nominal.estimator
+    equations, nominal = cp.Workspace(scene).equations, scene.nominal.estimator
     q, v, tau = 0.01 * np.array([1.0, -1.0, 1.0]), np.zeros(3), np.array([5.0, -2.0, 1.0])
     caught = 0
     for iterations in range(1, 40):

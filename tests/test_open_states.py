@@ -5,16 +5,14 @@ from __future__ import annotations
 import sys
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from overconstrained import cart_with_a_door, machines, state_near, trammel
-from shared import central
+from shared import BLOCKS, DERIVATIVES, central
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin._core.tolerances import DERIVATIVES
 from condyn_pin.constraints.rows.redundancy import KeptRows, Redundancy
 from condyn_pin.dynamics.at_state import equations_of
-from condyn_pin.dynamics.derivatives.differences import BLOCKS
 
 # Off the constraints by so much in q [rad, m] and v; closed loops that stay closed are of
 # test_derivatives.

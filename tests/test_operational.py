@@ -5,11 +5,11 @@ from __future__ import annotations
 import pickle
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import all_scenes, robot, states
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.control import operational_space
 
 FRAMES = {

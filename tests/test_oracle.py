@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from oracle import Oracle, mp
 from shared import all_scenes, axis_of, states
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin._core.tolerances import REFERENCE_RANK
-from condyn_pin.constraints.rows.equations import Equations
 from lab.extremes import EXTREMES
 from lab.extremes.base import with_inertias
 from lab.extremes.verdicts import right_answers
@@ -73,7 +72,7 @@ def test_terms_of_every_kind_at_any_state(kind):
     rng = np.random.default_rng(2)
     q = pin.integrate(robot.model, pin.neutral(robot.model), rng.normal(size=robot.nv))
     v = rng.normal(size=robot.nv)
-    terms = Equations(robot.model, scene.bounds).terms(q, v)
+    terms = cp.Workspace(scene).terms(q, v)
     for found, wanted in zip(
         Oracle(scene).terms(q, v), (terms.M, terms.h, terms.J, terms.gamma), strict=True
     ):

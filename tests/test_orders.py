@@ -7,13 +7,12 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from motions import G, bar, rod_pendulum, top
 from scipy.special import ellipj, ellipk
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
 
 SAMPLES = 4
 
@@ -53,12 +52,12 @@ VARIANTS = [
 class Motion:
     """A point mass of 1 kg on a rod of 1 m, at the angle psi(t) from the downward vertical."""
 
-    angle: Callable[[Array], tuple[Array, Array]]  # t -> psi, psi' [rad, rad/s]
+    angle: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]  # t -> psi, psi' [rad, rad/s]
     moment: float  # about the other end of the rod [N m]
     g: float  # [m/s^2]
     duration: float  # [s]
 
-    def at(self, t: Array) -> tuple[Array, Array, Array]:
+    def at(self, t: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return q, v and lam: the rod holds m psi'^2 + m g cos(psi)."""
         psi, rate = self.angle(t)
         along = np.stack([np.sin(psi), -np.cos(psi)], axis=1)
@@ -70,7 +69,7 @@ class Motion:
         integrator: cp.simulation.Integrator,
         steps: int,
         drift: cp.simulation.Drift | None = None,
-    ) -> Array:
+    ) -> np.ndarray:
         """Return the root mean squares of the errors of q, v and lam in `steps` steps."""
         start = self.at(np.zeros(1))
         run = cp.simulate(
@@ -85,14 +84,14 @@ class Motion:
         return np.array([np.sqrt(np.mean((x - y) ** 2)) for x, y in zip(found, exact, strict=True)])
 
 
-def swinging(t: Array) -> tuple[Array, Array]:
+def swinging(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """From rest at 1.5 rad: sin(psi / 2) = k sn(K - w t | k^2), psi' = -2 k w cn."""
     k, w = np.sin(0.75), np.sqrt(G)
     sn, cn, _, _ = ellipj(ellipk(k * k) - w * t, k * k)
     return 2 * np.arcsin(k * sn), -2 * k * w * cn
 
 
-def spun_up(t: Array) -> tuple[Array, Array]:
+def spun_up(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """At 1 rad/s first, and faster by 0.5 rad/s every second."""
     return t + 0.25 * t**2, 1 + 0.5 * t
 
@@ -122,13 +121,13 @@ SHOWN_ELSEWHERE = {
 }
 
 
-def order(coarse: Array, fine: Array, ratio: float) -> Array:
+def order(coarse: np.ndarray, fine: np.ndarray, ratio: float) -> np.ndarray:
     return np.log(coarse / fine) / np.log(ratio)
 
 
 def measured(
     integrator: cp.simulation.Integrator, drift: cp.simulation.Drift | None = None
-) -> Array:
+) -> np.ndarray:
     shown = SHOWN_ADAPTIVE if integrator.is_adaptive else SHOWN
     motion, few, many = shown[integrator.order.q]
     coarse, fine = (motion.errors(integrator, steps, drift) for steps in (few, many))

@@ -7,11 +7,11 @@ rank of the closed machine: with all rows they hold still. Cassie's loops are th
 from __future__ import annotations
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from overconstrained import BENNETTS, bennett, machines
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints import JointFriction
 from condyn_pin.mechanism import project_acceleration, project_velocity
 from condyn_pin.simulation import (

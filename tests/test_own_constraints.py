@@ -6,11 +6,12 @@ import dataclasses
 import pickle
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import VERSION, init_constraint_dynamics, pin, set_baumgarte
+from condyn_pin._core._pin import VERSION, init_constraint_dynamics, set_baumgarte
 from condyn_pin.dynamics.compiled import unsupported_features
 
 POINT, FRAME = pin.ContactType.CONTACT_3D, pin.ContactType.CONTACT_6D

@@ -6,12 +6,12 @@ import subprocess
 import sys
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import all_scenes, states
 
 import condyn_pin as cp
 from condyn_pin._core import _pin
-from condyn_pin._core._pin import pin
 
 
 def test_version_is_read_as_numbers():

@@ -7,12 +7,12 @@ import pickle
 import sys
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import robot
 from urdf_texts import joint, link
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints.places import frame_text
 from condyn_pin.control import FrameTask, Orientation
 from condyn_pin.model import SpringDamper

@@ -5,14 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from shared import SOLVERS, axis_of, relative, robot
+from shared import HAS_LCABA, SOLVED, SOLVERS, axis_of, relative, robot, unsupported_constraints
 
 import condyn_pin as cp
-from condyn_pin._core._pin import HAS_LCABA, pin
-from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
-from condyn_pin.dynamics.workspace import default_solver, unsupported_constraints
+from condyn_pin.dynamics.workspace import default_solver
 
 FAST = [cp.Proximal(), *([cp.LCABA()] if HAS_LCABA else [])]
 SLANTED = pin.rpy.rpyToMatrix(0.4, -0.7, 1.1)

@@ -11,6 +11,7 @@ from pathlib import Path
 import classical
 import mpmath as mp
 import numpy as np
+import pinocchio as pin
 import pytest
 from referee import MujocoReferee
 from shared import relative
@@ -18,7 +19,6 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 import lab
-from condyn_pin._core._pin import pin
 from condyn_pin.simulation import NoDrift
 from lab.cli import app
 from lab.problems.base import Limit, Problem, Setting

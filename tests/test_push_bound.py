@@ -6,13 +6,13 @@ import functools
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from scipy.integrate import quad
 from scipy.optimize import brentq
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.control import (
     Actuation,

@@ -8,9 +8,9 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
+from shared import HAS_LCABA
 
 import lab
-from condyn_pin._core._pin import HAS_LCABA
 
 pytestmark = pytest.mark.once
 

@@ -5,14 +5,13 @@ from __future__ import annotations
 from math import cos, sin, sqrt
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Ball, Box, Driven, HeldJoint, Plane, Polynomial
 from condyn_pin.contact import ContactProblem, Energetic, Newton, Poisson, RestitutionLaw
 from condyn_pin.contact.normal_path import normal_path
@@ -30,7 +29,7 @@ def leaning_rod(friction: float = 0.5) -> ContactProblem:
     return ContactProblem(G, (-1 - 4 * z, 0, -1 + 4 * x), [friction])
 
 
-def gained(problem: ContactProblem, lam: Array) -> float:
+def gained(problem: ContactProblem, lam: np.ndarray) -> float:
     return 0.5 * float(lam @ (problem.g + problem.velocities(lam)))
 
 
@@ -107,7 +106,7 @@ def test_several_contacts_never_gain(law: RestitutionLaw) -> None:
             assert problem.velocities(found.lam)[2::3].min() > -1e-8
 
 
-def cradle(masses: tuple[float, ...]) -> tuple[ContactProblem, Array, Array]:
+def cradle(masses: tuple[float, ...]) -> tuple[ContactProblem, np.ndarray, np.ndarray]:
     J, v = np.zeros((3 * (len(masses) - 1), len(masses))), np.zeros(len(masses))
     for i in range(len(masses) - 1):
         J[3 * i + 2, i : i + 2] = -1, 1
@@ -132,7 +131,7 @@ def test_contacts_at_once_are_said() -> None:
     assert "at once" in found.notes[0][2]
 
 
-def falling_rod(restitution: float = 1.0) -> tuple[cp.Scene, Array, Array]:
+def falling_rod(restitution: float = 1.0) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
     foot = cp.FrictionalContact(
         "box", offset=(0, 0, -0.5), friction=0.5, restitution=restitution, name="foot"
     )
@@ -142,7 +141,7 @@ def falling_rod(restitution: float = 1.0) -> tuple[cp.Scene, Array, Array]:
     return scene, q, np.concatenate((R.T @ [-1.0, 0, -1.0], [0, -4.0, 0]))
 
 
-def kinetic(scene: cp.Scene, q: Array, v: Array) -> float:
+def kinetic(scene: cp.Scene, q: np.ndarray, v: np.ndarray) -> float:
     model = scene.robot.model
     return float(pin.computeKineticEnergy(model, model.createData(), q, v))
 
@@ -217,7 +216,7 @@ def test_derivatives_of_an_impact(offset: tuple[float, float, float]) -> None:
         q, v = np.array([0, 0, 0.01 - 1e-9, 0, 0, 0, 1.0]), np.array([0.5, 0.2, -1.0, 0, 0, 0])
     model, h, dt = scene.robot.model, 1e-6, 1e-4
 
-    def end(q: Array, v: Array) -> Array:
+    def end(q: np.ndarray, v: np.ndarray) -> np.ndarray:
         return cp.step(scene, q, v, dt=dt, integrator=cp.Moreau()).v
 
     of = cp.step(scene, q, v, dt=dt, integrator=cp.Moreau()).derivatives()

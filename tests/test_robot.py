@@ -7,11 +7,11 @@ import pickle
 import re
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.io.load import example_robot_data
 from condyn_pin.model import CoupledMotor
 from condyn_pin.model.smaller import lock_joints

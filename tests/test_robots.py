@@ -5,13 +5,11 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from shared import calls, robot
+from shared import CLOSED, calls, robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin._core.tolerances import CLOSED
-from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.io.load import example_robot_data
 
 
@@ -97,7 +95,7 @@ def test_loops_close_at_the_first_posture(name):
     loaded, figures = robot(name), ROBOTS[name]
     scene = cp.Scene(loaded, loaded.loops)
     q, _ = scene.state()
-    equations = Equations(loaded.model, scene.bounds)
+    equations = cp.Workspace(scene).equations
     assert np.abs(equations.violation(q)).max(initial=0.0) <= CLOSED
     nominal = scene.nominal
     assert (scene.rows, nominal.rank, nominal.mobility) == (

@@ -6,11 +6,10 @@ import re
 from pathlib import Path
 
 import pytest
-from shared import robot
+from shared import robot, standard_scenes
 from test_robots import ROBOTS
 
 import condyn_pin as cp
-from condyn_pin.dynamics.scene import standard_scenes
 from condyn_pin.io.load import robots_folder
 
 FOLDERS = sorted(path.parent for path in robots_folder().glob("*/robot.toml"))

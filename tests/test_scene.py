@@ -6,13 +6,11 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from shared import all_scenes, axis_of, each_scene, robot
+from shared import CLOSED, all_scenes, axis_of, each_scene, robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin._core.tolerances import CLOSED
-from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Closer
@@ -43,7 +41,7 @@ def test_redundant_rows_are_those_that_can_go(label):
     """Without them the rank is the same, and every row that is left counts."""
     scene = all_scenes()[label]
     kept = [name not in scene.nominal.redundant for name in scene.row_names]
-    J = Equations(scene.robot.model, scene.bounds).jacobian(scene.nominal.q)
+    J = cp.Workspace(scene).jacobian(scene.nominal.q)
     if scene.rows:
         assert np.linalg.matrix_rank(J[kept], tol=1e-9) == scene.nominal.rank == sum(kept)
 
@@ -180,7 +178,7 @@ def test_cassies_postures_from_file_and_figures():
     scene = all_scenes()["cassie loops + contacts"]
     q, _ = scene.state("standing")
     assert np.abs(q - cassie.postures["standing"]).max() < 1e-9
-    placements = Equations(cassie.model, scene.bounds).placements(q)[4:]
+    placements = cp.Workspace(scene).equations.placements(q)[4:]
     heights = [oMc1.translation[2] for oMc1, _ in placements]
     assert np.allclose(heights, 0.02, atol=1e-9)
     com = pin.centerOfMass(cassie.model, cassie.model.createData(), q)

@@ -17,7 +17,6 @@ from sdf_texts import (
 )
 
 import condyn_pin as cp
-from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.io.description import Description
 from condyn_pin.io.sdf import read_sdf
 
@@ -247,7 +246,7 @@ def test_loops_that_are_opened_in_different_ways_give_one_acceleration():
         q = pin.neutral(robot.model)
         q[columns(robot, shared, "q")] = q0[columns(first, shared, "q")]
         q = scene.assemble(q, fixed=shared, within_limits=False).q
-        J = Equations(robot.model, scene.bounds).jacobian(q)
+        J = cp.Workspace(scene).jacobian(q)
         here = columns(robot, shared, "v")
         v = np.zeros(robot.nv)
         v[here] = v0[columns(first, shared, "v")]

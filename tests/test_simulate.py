@@ -6,13 +6,13 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from motions import G, bar, body, falling, hanging_cassie, top
 from scipy.interpolate import CubicSpline
-from shared import robot
+from shared import HAS_LCABA, robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin.simulation.integrators import dormand_prince
 from condyn_pin.simulation.measures import work
 from condyn_pin.simulation.system import System

@@ -7,15 +7,14 @@ import functools
 import pickle
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from shared import all_scenes, relative, robot
+from shared import all_scenes, motor_torque, relative, robot
 
 import condyn_pin as cp
 from condyn_pin import mechanism
-from condyn_pin._core._pin import pin
 from condyn_pin._core.joints import indices
 from condyn_pin.constraints import Terms
-from condyn_pin.dynamics.scene import motor_torque
 from condyn_pin.errors import InvalidArgument, InvalidConstraint, UnknownName
 from condyn_pin.model.smaller import smaller_tree
 

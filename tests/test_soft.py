@@ -9,10 +9,9 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from referee import MujocoReferee
-from shared import all_scenes, each_scene, relative, robot, states
+from shared import SOLVED, all_scenes, each_scene, relative, robot, states
 
 import condyn_pin as cp
-from condyn_pin._core.tolerances import SOLVED
 
 # Two engines and their rounding; measured 2e-12 at worst, on Cassie.
 AGREES = 1e-11

@@ -7,12 +7,12 @@ import re
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import all_scenes, each_exact_solver, each_scene, relative, robot, states, truth
 from test_massless import LOCKED, arm
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints.rows.special import BoundCoupling, BoundRolling
 
 

@@ -10,12 +10,21 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shared import SOLVERS, all_scenes, each_of, each_scene, relative, states, takes, truth
+from shared import (
+    HAS_LCABA,
+    SOLVED,
+    SOLVERS,
+    all_scenes,
+    each_of,
+    each_scene,
+    relative,
+    states,
+    takes,
+    truth,
+)
 
 import condyn_pin as cp
-from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin._core.linalg import range_space
-from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.cli.commands.solvers import solver_rows
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.solvers.conjugate_gradient import conjugate_gradients

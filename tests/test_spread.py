@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import relative, robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.pinocchio import NEARLY, ONE
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.mechanism.closing import Closer
@@ -107,7 +106,7 @@ def test_drift_control_pulls_at_the_same_gaps():
     scene, drift = hands(0 * AHEAD, 1e-3 * AHEAD, opened=1e-5), cp.Baumgarte(100.0, 20.0)
     state = moved(scene)
     assert is_spread(scene)
-    assert Equations(scene.robot.model, scene.bounds).violation(state[0]).any()
+    assert cp.Workspace(scene).violation(state[0]).any()
     solution, right = (
         cp.solve(scene, *state, solver=solver, drift=drift, throw=False)
         for solver in (cp.Proximal(), cp.dynamics.Reference())

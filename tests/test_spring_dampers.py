@@ -9,13 +9,13 @@ import pickle
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import robot
 from test_applied_forces import chain_on, joints, state_of
 from viewed import drawing
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.model.springs import SpringDampers
 from condyn_pin.simulation.system import System, with_rows
 from condyn_pin.simulation.torques import Passive

@@ -8,12 +8,12 @@ from pathlib import Path
 import crash
 import fuzz
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import robot
 from urdf_texts import SWING
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.io.srdf import read_srdf
 from condyn_pin.io.urdf import read_urdf
 
@@ -91,7 +91,7 @@ def test_spoilt_ones_do_no_harm(tmp_path):
         f"""
         from pathlib import Path
         import condyn_pin as cp
-        from condyn_pin._core._pin import pin
+        import pinocchio as pin
         from condyn_pin.io.srdf import read_srdf
         path, read = Path({str(tmp_path / "a.srdf")!r}), 0
         for text in eval(Path({str(texts)!r}).read_text(encoding="utf-8")):

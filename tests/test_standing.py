@@ -9,13 +9,13 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 from scipy.linalg import eigh, null_space
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.contact.cones import Cone
 from condyn_pin.control import (

@@ -8,10 +8,9 @@ from importlib import import_module
 
 import numpy as np
 import pytest
-from shared import each_of, imported_by_a_solve, robot
+from shared import each_of, imported_by_a_solve, robot, standard_scenes
 
 import condyn_pin as cp
-from condyn_pin.dynamics.scene import standard_scenes
 
 SCENES = {
     label: scene

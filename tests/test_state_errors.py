@@ -13,12 +13,12 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from overconstrained import machines
 from shared import axis_of, robot, takes
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 
 NAMES = tuple(name for name in machines() if name != "cart with a door")
 SOLVERS = [

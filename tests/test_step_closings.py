@@ -8,11 +8,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from numpy.typing import NDArray
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Ball, FrictionalContact, JointFriction, Plane
 from condyn_pin.gradients import step_derivatives_batch
 from condyn_pin.mechanism import project_velocity

@@ -7,6 +7,7 @@ from math import cos, pi, sin
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from contact_problems import on_a_rough_floor
 from numpy.testing import assert_allclose
@@ -14,8 +15,6 @@ from shared import short_lever
 
 import condyn_pin as cp
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import (
     Ball,
     Box,
@@ -54,7 +53,7 @@ def box_scene(friction: float, plane: Plane = FLOOR) -> cp.Scene:
     return cp.Scene(box, contacts=corners)
 
 
-def lying(slope: float) -> Array:
+def lying(slope: float) -> np.ndarray:
     """The box with its lower face on a plane through the origin that rises along x."""
     R = pin.utils.rotate("y", -slope)
     return np.concatenate([R @ (0, 0, 0.05), pin.Quaternion(R).coeffs()])
@@ -69,7 +68,7 @@ def robot_scene(name: str, friction: float = 0.7, **options: object) -> cp.Scene
     return cp.Scene(robot, robot.loops, contacts=robot.frictional_contacts(friction))
 
 
-def standing(scene: cp.Scene) -> tuple[Array, Array]:
+def standing(scene: cp.Scene) -> tuple[np.ndarray, np.ndarray]:
     """The first posture, its lowest contact on the ground."""
     q, v = scene.state()
     q[2] -= min(contact_gaps(scene, q).values())
@@ -329,7 +328,7 @@ def test_a_start_that_penetrates_is_refused() -> None:
     assert min(gap[-1] for gap in run.gaps.values()) > -1e-6
 
 
-def thrown() -> tuple[cp.Scene, Array, Array]:
+def thrown() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
     q = lying(0.2)
     q[2] += 0.02
     return box_scene(0.5), q, np.array([0.5, 0.2, 0, 0, 1.0, 0])
@@ -498,7 +497,7 @@ def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) 
 def test_a_first_attempt_that_fails_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
-    def fail(_: ADMM, problem: ContactProblem, guess: Array | None = None) -> SolverResult:
+    def fail(_: ADMM, problem: ContactProblem, guess: np.ndarray | None = None) -> SolverResult:
         asked.append(guess)
         return SolverResult(np.zeros(problem.rows), 1, ("ADMM",))
 

@@ -15,11 +15,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from lost import KillsOnce
-from shared import all_scenes, relative
+from shared import HAS_LCABA, all_scenes, relative
 
 import condyn_pin as cp
 import lab
-from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin._core.arguments import ITERATIONS, WEIGHTS
 from condyn_pin.study import case
 from condyn_pin.study import study as running

@@ -5,12 +5,11 @@ from __future__ import annotations
 import pickle
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import all_scenes, each_of, robot, states
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
-from condyn_pin._core.joints import indices
 from condyn_pin.control import Actuation, gravity_compensation, transmission
 from condyn_pin.model import CoupledMotor
 
@@ -144,7 +143,7 @@ def test_cassies_base_springs_and_rods_rest():
     # with the springs at rest, the achilles rod ties the tarsus to the knee, one to one but for
     # the rod: a torque at the tarsus is felt in the knee motor with the opposite sign
     tau = np.zeros(cassie.nv)
-    tau[indices(cassie.model, ["left-shin-tarsus-joint"])[1]] = 1.0
+    tau[cassie.index_v("left-shin-tarsus-joint")] = 1.0
     torques = dict(zip(through.actuation.motors, through.motor_torques(tau), strict=True))
     assert -1.3 < torques["left-knee-op"] < -0.7
     assert abs(torques["right-knee-op"]) < 1e-12
@@ -156,8 +155,7 @@ CLOSED = ["cassie loops", "delta loops", "four_bar loops", "parallelogram loops"
 @pytest.mark.parametrize("label", CLOSED)
 def test_it_is_how_complete_state_follows_the_motors(label):
     scene, (q, _, _) = all_scenes()[label], states(label)[0]
-    model = scene.robot.model
-    motors, _ = indices(model, scene.robot.actuated)
+    motors = [scene.robot.index_q(name) for name in scene.robot.actuated]
     state = cp.mechanism.complete_state(scene, q[motors], near=q)
     through = transmission(scene, state.q)
     assert np.abs(through.G - state.G).max() < 1e-9 * np.abs(state.G).max()

@@ -13,11 +13,11 @@ import json
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from oracle import Oracle, exact, mp, of_quaternion
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin._core.joints import joints_with_turning_axes
 
 FOUND = Path(__file__).with_name("turning.json")

@@ -8,6 +8,7 @@ from textwrap import dedent
 from xml.etree import ElementTree
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from fuzz import assert_survived
 from hypothesis import HealthCheck, given, settings
@@ -15,7 +16,6 @@ from hypothesis import strategies as st
 from urdf_texts import INERTIA, SWING, joint, link, tip
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin.io.load import example_robot_data
 from condyn_pin.io.urdf import read_urdf
 

@@ -7,11 +7,11 @@ import sys
 from itertools import pairwise
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from urdf_texts import SWING, link, tip
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 
 ENDS = "0.5 0 0", "0 0 -0.5"  # on c and on b
 OPEN = SWING[:-2]

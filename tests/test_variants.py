@@ -5,12 +5,12 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from sdf_texts import joint, link, pose
-from shared import robot
+from shared import HAS_LCABA, robot
 
 import condyn_pin as cp
-from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin._core.joints import indices
 from condyn_pin.io.robot_toml import chosen_config
 from condyn_pin.model.smaller import lock_joints

@@ -6,11 +6,12 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pinocchio as pin
 import pytest
 from shared import all_scenes, relative, robot, states, takes, truth
 
 import condyn_pin as cp
-from condyn_pin._core._pin import factorise_constraints, pin
+from condyn_pin._core._pin import factorise_constraints
 from lab.extremes import EXTREMES
 from lab.extremes.verdicts import Task, error_of, right_answers
 
