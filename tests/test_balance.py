@@ -19,12 +19,12 @@ X, Y, HEIGHT = 0.3, 0.2, 0.5  # half the size of the block, and how high its cen
 
 
 @functools.cache
-def block() -> cp.Robot:
-    """A free block with its centre of mass above the middle of its sole."""
+def block(x: float = 0.0, y: float = 0.0) -> cp.Robot:
+    """A free block with its centre of mass above x, y [m] of its sole, by default the middle."""
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "float")
     model.addJointFrame(joint)
-    inertia = pin.Inertia(MASS, np.array([0.0, 0.0, HEIGHT]), 0.05 * np.eye(3))
+    inertia = pin.Inertia(MASS, np.array([x, y, HEIGHT]), 0.05 * np.eye(3))
     model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
     return cp.Robot("block", model)
 
@@ -226,19 +226,10 @@ def test_a_corner_of_the_resting_region_is_where_forces_end():
     for corner in region.in_world:
         for share, sign in ((0.99, 1.0), (1.01, -1.0)):
             at = middle + share * (corner - middle)
-            moved = with_mass_at(at[:2])
+            moved = block(*at[:2])
             placed = cp.Scene(moved, scene.constraints)
             found = balance(placed, Q, STILL, STILL, np.zeros(12), cones=cone)
             assert np.sign(found.wrench_margin) == sign, (corner, share)
-
-
-def with_mass_at(xy: np.ndarray) -> cp.Robot:
-    model = pin.Model()
-    joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "float")
-    model.addJointFrame(joint)
-    inertia = pin.Inertia(MASS, np.array([*xy, HEIGHT]), 0.05 * np.eye(3))
-    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
-    return cp.Robot("block", model)
 
 
 def test_on_uneven_ground_zmp_does_not_exist():
