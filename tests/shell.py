@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from click.testing import Result
 from typer.testing import CliRunner
 
 from condyn_pin.cli.main import app
 
 
-def condyn(*words: str) -> Result:
+def condyn(*words: str):
     """Run `condyn` with these words."""
     return CliRunner().invoke(app, list(words))
