@@ -12,6 +12,7 @@ import os
 import re
 import sys
 from collections import defaultdict
+from dataclasses import dataclass
 from pathlib import Path
 
 # Judges and random machines are benchmarks, too.
@@ -191,6 +192,30 @@ def seeded():
     from condyn_pin._core._pin import pin
 
     pin.seed(0)
+
+
+@dataclass(frozen=True)
+class Engine:
+    """Python or the compiled core, and how a verb is told: `executor` of batches, or `native`."""
+
+    native: bool
+
+    @property
+    def batches(self):
+        import condyn_pin as cp
+
+        return {"executor": cp.Native(threads=1)} if self.native else {}
+
+
+@pytest.fixture(
+    params=[
+        pytest.param(False, id="Python"),
+        pytest.param(True, id="core", marks=pytest.mark.native),
+    ]
+)
+def engine(request):
+    """Each of two engines: a test that has it says the same of both."""
+    return Engine(request.param)
 
 
 @pytest.fixture

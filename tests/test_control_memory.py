@@ -27,11 +27,6 @@ from condyn_pin.mechanism import project_velocity
 
 STAND = [CenterOfMass(kp=20, weight=100), Orientation("base_link", weight=50), Posture(weight=0.1)]
 
-each_way = pytest.mark.parametrize(
-    "native",
-    [False, pytest.param("where possible", marks=pytest.mark.native(optional=True))],
-)
-
 
 def moving(name: str) -> tuple[cp.Scene, list[tuple[np.ndarray, np.ndarray]]]:
     """A scene on its feet, and two states of it that move."""
@@ -121,9 +116,8 @@ def test_rows_may_be_lists() -> None:
     assert out.status.ok
 
 
-@each_way
 @pytest.mark.parametrize(("name", "weight", "speed"), [("talos", 1e2, 0.05), ("solo12", 1e4, 0.3)])
-def test_forces_do_not_depend_on_the_tick_before(name, weight, speed, native) -> None:
+def test_forces_do_not_depend_on_the_tick_before(name, weight, speed, engine) -> None:
     """Regularisation alone shares them out: a KKT residual of 1e-10 may hide 0.1 of the weight."""
     made = robot(name)
     scene = cp.Scene(made, made.contacts)
@@ -132,7 +126,7 @@ def test_forces_do_not_depend_on_the_tick_before(name, weight, speed, native) ->
     tasks = [CenterOfMass(kp=20, weight=weight), second(weight=weight), Posture(weight=0.1)]
     cones = WrenchCone(0.5) if name == "talos" else FrictionCone(0.6, sides=8)
     rng, changed, before = np.random.default_rng(0), 0, ()
-    warm = Controller(scene, tasks, cones=cones, native=native)
+    warm = Controller(scene, tasks, cones=cones, native=engine.native)
     for _ in range(25):
         v = project_velocity(scene, q, speed * rng.normal(size=made.nv))
         out, fresh = warm.solve(q, v), Controller(scene, tasks, cones=cones).solve(q, v)
@@ -143,8 +137,7 @@ def test_forces_do_not_depend_on_the_tick_before(name, weight, speed, native) ->
     assert changed > 2
 
 
-@each_way
-def test_limits_that_contradict_each_other_are_told_behind_a_tick_at_one_of_them(native) -> None:
+def test_limits_that_contradict_each_other_are_told_behind_a_tick_at_one_of_them(engine) -> None:
     """A joint at its largest acceleration, and then a task that is an equation and wants more."""
     made = cp.model.chain(2)
     model = pin.Model(made.model)
@@ -156,7 +149,8 @@ def test_limits_that_contradict_each_other_are_told_behind_a_tick_at_one_of_them
     jump = JointTask(made.joints[0], reference=lambda t: (0.0, 0.0, 40.0 + t), weight=np.inf)
     controller = Controller(
         cp.Scene(made), [away, jump], cones={}, actuation=Actuation(made, made.joints),
-        limits=ControlLimits(dt=0.05, acceleration=50.0), native=native,
+        limits=ControlLimits(dt=0.05, acceleration=50.0),
+        native=engine.native and "where possible",
     )  # fmt: skip
     q, v = np.zeros(2), np.zeros(2)
     assert controller.solve(q, v).a[0] == pytest.approx(40.0)

@@ -60,12 +60,12 @@ def test_steps_of_two_bodies_at_any_angle(one: str, two: str) -> None:
 
 
 @pytest.mark.parametrize("off", [-5e-5, 5e-5])
-def test_a_ball_that_is_about_to_leave_a_face(off: float) -> None:
+def test_a_ball_that_is_about_to_leave_a_face(off: float, engine) -> None:
     """Differences over more than that saw both the face and the edge."""
     scene = scene_of(Ball(0.1), Box(0.2, 0.15, 0.1))
     q = placed(above(0.2 - 1e-5, x=0.2 + off, y=0.03))
     v = np.array([0.3, -0.2, -0.1, 1.0, 2.0, -1.0, *np.zeros(6)])
-    assert assert_differences(scene, q[None], v[None]) == 1
+    assert assert_differences(scene, q[None], v[None], **engine.batches) == 1
 
 
 def almost_flush() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
@@ -77,8 +77,8 @@ def almost_flush() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
     return scene, Q, np.array([[0.3, -0.2, -0.5, 0.1, 0.2, 0.3, *np.zeros(6)]] * 2)
 
 
-def test_boxes_that_are_almost_flush() -> None:
-    assert assert_differences(*almost_flush()) == 2
+def test_boxes_that_are_almost_flush(engine) -> None:
+    assert assert_differences(*almost_flush(), **engine.batches) == 2
 
 
 def test_features_of_a_box() -> None:

@@ -21,11 +21,6 @@ from condyn_pin.stepping import step_batch
 Array = NDArray[np.float64]
 Start = tuple[cp.Scene, Array, Array]
 
-by_both = pytest.mark.parametrize(
-    "core",
-    [pytest.param(False, id="Python"), pytest.param(True, id="core", marks=pytest.mark.native)],
-)
-
 
 def disc(speed: float) -> Start:
     """A disc that leans and rolls, far from a wall: two of its three rows have no place."""
@@ -70,17 +65,15 @@ def differences(start: Start, dt: float, h: float, *, by_q: bool) -> Array:
 
 
 @pytest.mark.pairs
-@by_both
 @pytest.mark.parametrize("dt", [1e-3, 1e-2])
 @pytest.mark.parametrize(
     ("make", "speed"), [(disc, 1.0), (disc, 30.0), (bar, 2.0), (bar, 50.0)],
     ids=["disc", "fast disc", "bar", "fast bar"],
 )  # fmt: skip
-def test_what_is_closed_behind_a_step_is_in_its_derivatives(make, speed, dt, core):
+def test_what_is_closed_behind_a_step_is_in_its_derivatives(make, speed, dt, engine):
     """Moves of Newton's method that others follow too, at half a radian a step."""
-    about = {"executor": cp.Native(threads=1)} if core else {}
     scene, q, v = start = make(speed)
-    of = step_derivatives_batch(scene, q[None], v[None], dt=dt, **about)
+    of = step_derivatives_batch(scene, q[None], v[None], dt=dt, **engine.batches)
     assert of.ok
     # a start that is open by more than 1e-6 is closed by other factors
     for at, h, right in ((of.columns.q, 1e-7, 1e-6), (of.columns.v, 1e-5, 1e-7)):
@@ -99,16 +92,14 @@ def test_loops_are_closed_along_springs_that_are_part_of_M(speed):
         assert np.abs(of.dq[0][:, at] - by).max() < right * np.abs(by).max()
 
 
-@by_both
-def test_a_step_that_leaves_loops_open_is_not_ok(core):
+def test_a_step_that_leaves_loops_open_is_not_ok(engine):
     """Five radians in a step: no motion along M^-1 J_b^T closes the four-bar from there."""
-    about = {"executor": cp.Native(threads=1)} if core else {}
     scene, q, v = bar(50.0)
     with pytest.raises(cp.errors.SolveFailed, match="loops are open by") as error:
         cp.step(scene, q, v, dt=0.1)
     assert error.value.solution.violation > 1e-2
     Q, V = np.tile(q, (2, 1)), np.array([v, 0.01 * v])
-    assert list(step_batch(scene, Q, V, dt=0.1, **about).statuses) == [1, 0]
-    of = step_derivatives_batch(scene, Q, V, dt=0.1, **about)
+    assert list(step_batch(scene, Q, V, dt=0.1, **engine.batches).statuses) == [1, 0]
+    of = step_derivatives_batch(scene, Q, V, dt=0.1, **engine.batches)
     assert list(of.failed) == [0]
     assert "inaccurate" in of.reasons[0]
