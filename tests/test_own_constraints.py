@@ -12,7 +12,7 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import VERSION, init_constraint_dynamics, set_baumgarte
-from condyn_pin.dynamics.compiled import unsupported_features
+from condyn_pin.dynamics.compiled import why_not
 
 POINT, FRAME = pin.ContactType.CONTACT_3D, pin.ContactType.CONTACT_6D
 LOCAL, ALIGNED = pin.ReferenceFrame.LOCAL, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
@@ -335,7 +335,7 @@ def test_every_method_takes_gains_of_one_constraint(solver):
 
 def test_the_compiled_core_refuses_gains_of_one_constraint_by_name():
     workspace = cp.Workspace(held_arm())
-    assert any("'tip': it has drift control" in why for why in unsupported_features(workspace))
+    assert any("'tip': it has drift control" in why for why in why_not(workspace))
 
 
 def test_a_controller_takes_gains_of_one_constraint_and_steps_refuse_them():
