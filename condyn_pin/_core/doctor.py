@@ -127,10 +127,11 @@ def diagnose() -> Diagnosis:
     features: dict[str, str] = {}
     if probe.returncode == 0:
         try:
-            from condyn_pin._core import _pin, blas_threads, compiled
+            from condyn_pin._core._pin import pinocchio_features
+            from condyn_pin._core.blas_threads import blas_features
+            from condyn_pin._core.compiled import core_features
 
-            found = (_pin, compiled, blas_threads)
-            features = {name: said for room in found for name, said in room.features().items()}
+            features = pinocchio_features() | core_features() | blas_features()
         except ImportError as error:
             findings, remedy = (str(error), *findings), remedy or MEND_4
     else:
