@@ -374,7 +374,7 @@ def test_tendons_over_one_joint_have_its_friction_and_limits(tmp_path):
     assert robot.model.friction[0] == 5.0
     assert robot.model.lowerPositionLimit[0] == 0.0
     assert robot.model.upperPositionLimit[0] == 0.5
-    assert "joint friction (j): a scene has it with JointFriction" in robot.unused
+    assert "joint friction (j): a scene has it with robot.frictions()" in robot.unused
     cp.Scene(robot, contacts=[JointFriction("j")])
 
 

@@ -221,11 +221,13 @@ def test_damping_springs_and_friction_go_where_they_belong(read):
     assert robot.model.damping.tolist() == [0.5, 0.25, 0.25, 0.25, 0]
     assert springs(robot) == {"three": (9.0, -1.0)}
     assert robot.unused == (
-        "joint friction, which JointFriction adds to the contacts of a scene: 'one'",
+        "joint friction, which robot.frictions() adds to the contacts of a scene: 'one'",
     )
     assert robot.unmodelled == ()
     machine = Robot("machine", robot.model)
-    (row,) = JointFriction("one").bind(machine).dry
+    (friction,) = machine.frictions()  # of the one joint that has any
+    assert friction == JointFriction("one")
+    (row,) = friction.bind(machine).dry
     assert row.limit == 7
 
 

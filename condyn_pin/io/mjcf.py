@@ -642,7 +642,7 @@ def unused(mj: Any, had: Transmissions, coupled: Collection[int], most: Array) -
     if damped := _names_of_nonzero(owners, had.damping):
         yield f"joint damping ({short_list(damped)}): add Robot.passive_torque to tau"
     if rubbed := _names_of_nonzero(owners, had.friction):
-        yield f"joint friction ({short_list(rubbed)}): a scene has it with JointFriction"
+        yield f"joint friction ({short_list(rubbed)}): a scene has it with robot.frictions()"
     scalar = mj.jnt_type > BALL
     if limited := _names_of_nonzero(joints, scalar & np.isfinite(had.limits).any(axis=1)):
         yield f"limits of position ({len(limited)} joints)"

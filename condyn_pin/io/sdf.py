@@ -37,7 +37,7 @@ from condyn_pin.io.xml import place
 from condyn_pin.model.springs import Spring
 
 # Settings of joints that change nothing, or that a scene adds, and those that change the motion.
-_FRICTION: Final = "joint friction, which JointFriction adds to the contacts of a scene"
+_FRICTION: Final = "joint friction, which robot.frictions() adds to the contacts of a scene"
 _SMALL: Final = (
     "second axis", _FRICTION, "joint limits that the type has not", "settings of fixed joints",
 )  # fmt: skip

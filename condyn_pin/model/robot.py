@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import show, tolerances
-from condyn_pin._core._pin import pin, set_numbers, without_infinity
+from condyn_pin._core._pin import dry_friction, pin, set_numbers, without_infinity
 from condyn_pin._core.arguments import Arguments, check_type, count_text, normalised
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.joints import rotation_fault
@@ -32,6 +32,7 @@ from condyn_pin.model.springs import Spring, SpringDamper, spring_dampers_of
 if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.contact import Contact
     from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
+    from condyn_pin.constraints.contacts.joint_friction import JointFriction
     from condyn_pin.constraints.contacts.joint_limit import JointLimit
 
 
@@ -594,6 +595,20 @@ class Robot:
         from condyn_pin.constraints.contacts.joint_limit import JointLimit
 
         return tuple(JointLimit(joint) for joint in dict.fromkeys(Limits.of(self.model).joints))
+
+    def frictions(self) -> tuple[JointFriction, ...]:
+        """Return the dry friction of all joints to which the file gives one, as contacts.
+
+        |lam| <= torque of the file [N m, N], for `Scene(contacts=...)`.
+        """
+        from condyn_pin.constraints.contacts.joint_friction import JointFriction
+
+        rubs, joints = dry_friction(self.model) > 0.0, self.model.joints[1:]
+        return tuple(
+            JointFriction(name)
+            for name, joint in zip(self.joints, joints, strict=True)
+            if rubs[joint.idx_v : joint.idx_v + joint.nv].any()
+        )
 
     def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the torque (nv,) of springs and dampers [N m, N]; add it to the tau of `solve`.
