@@ -17,6 +17,8 @@ from condyn_pin.constraints import (
     Ball,
     Box,
     Capsule,
+    Cylinder,
+    Ellipsoid,
     FrictionalContact,
     JointFriction,
     JointLimit,
@@ -456,6 +458,8 @@ def test_feet_without_a_size_are_refused():
     [
         FrictionalContact("a", Capsule(0.1, 0.2), (1, 2, 3), TILTED, friction=0.1, name="b"),
         FrictionalContact("a", Box(1, 2, 3), on="c", on_shape=TILTED, friction=0, restitution=1),
+        FrictionalContact("a", Cylinder(0.1, 0.2), friction=0.1),
+        FrictionalContact("a", Ellipsoid(1, 2, 3), friction=0.7),
         FrictionalContact("a", friction=0.7),
         JointLimit("knee", name="stop"),
         JointFriction("knee", 0.3),

@@ -17,6 +17,8 @@ from condyn_pin.constraints import (
     Capsule,
     Contact,
     Convex,
+    Cylinder,
+    Ellipsoid,
     JointFriction,
     JointLimit,
     Plane,
@@ -47,7 +49,14 @@ def on_the_floor(shape, friction: float = 0.5, **more) -> str:
 
 @pytest.mark.parametrize(
     ("shape", "height"),
-    [(Ball(0.1), 0.1), (Box(0.1, 0.1, 0.2), 0.2), (Capsule(0.1, 0.2), 0.1), (Convex(CORNERS), 0.1)],
+    [
+        (Ball(0.1), 0.1),
+        (Box(0.1, 0.1, 0.2), 0.2),
+        (Capsule(0.1, 0.2), 0.1),
+        (Convex(CORNERS), 0.1),
+        (Cylinder(0.2, 0.1), 0.1),
+        (Ellipsoid(0.3, 0.3, 0.1), 0.1),
+    ],
 )
 def test_a_shape_comes_to_rest_at_its_height(shape, height):
     start = [0.0, 0.0, height + 0.05, 1.0, 0.0, 0.0, 0.0]

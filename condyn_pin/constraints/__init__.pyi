@@ -9,6 +9,8 @@ from .contacts.shapes import Ball as Ball
 from .contacts.shapes import Box as Box
 from .contacts.shapes import Capsule as Capsule
 from .contacts.shapes import Convex as Convex
+from .contacts.shapes import Cylinder as Cylinder
+from .contacts.shapes import Ellipsoid as Ellipsoid
 from .contacts.shapes import Plane as Plane
 from .contacts.shapes import Point as Point
 from .coupling import Coupling as Coupling

@@ -384,6 +384,8 @@ def why_not_contacts(scene: Scene) -> Iterator[str]:
     """Yield the features of a scene's contacts that the core lacks, in words."""
     yield from _why_not_joints(scene.robot.model)
     pairs = [pair for bound in scene.contact_bounds for pair in bound.pairs]
+    if wanders := [pair.name for pair in pairs if pair.ground_shape.is_plane]:
+        yield f"{listed(wanders)}: contact points over a plane that depend on how a shape is turned"
     at_seams = [pair.name for pair, pieces in zip(pairs, pieces_of(pairs), strict=True) if pieces]
     if at_seams:
         yield f"{listed(at_seams)}: pieces of one body side by side, whose seams it would meet"

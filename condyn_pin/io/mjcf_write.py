@@ -39,7 +39,7 @@ from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.constraint import Constraint, Vector3
 from condyn_pin.constraints.contacts.contact import Contact
 from condyn_pin.constraints.contacts.kinds import bind_contacts
-from condyn_pin.constraints.contacts.shapes import Plane, Shape
+from condyn_pin.constraints.contacts.shapes import Ellipsoid, Plane, Shape
 from condyn_pin.constraints.places import WORLD
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.meshes import read_mesh
@@ -374,6 +374,8 @@ class GeomWriter:
     def _solid(self, shape: Shape) -> dict[str, str]:
         """Attributes of the geom of a contact shape."""
         patch, corners = shape.patch, [each.middle for each in shape.contact_points]
+        if isinstance(shape, Ellipsoid):
+            return {"type": "ellipsoid", "size": numbers([shape.x, shape.y, shape.z])}
         if patch is None:
             if len(corners) == 1:
                 return {"type": "sphere", "size": numbers(_TIP)}
@@ -383,7 +385,8 @@ class GeomWriter:
         if patch.shape == "ball":
             return {"type": "sphere", "size": numbers(patch.size)}
         radius, length = patch.size
-        return {"type": "capsule", "size": numbers([radius, length / 2])}
+        kind = "cylinder" if patch.shape == "rod" else "capsule"
+        return {"type": kind, "size": numbers([radius, length / 2])}
 
     def _drawn(self, shape: Drawn) -> dict[str, str]:
         """Attributes of the geom of a visual shape."""

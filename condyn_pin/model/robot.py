@@ -590,6 +590,42 @@ class Robot:
 
         return feet_of(self.contacts, friction, on)
 
+    def collisions(
+        self, friction: float, *, ground: Plane | None = None, shapes: Sequence[str] | None = None
+    ) -> tuple[FrictionalContact, ...]:
+        """Return a contact of each collision shape of the file, for `Scene(contacts=...)`.
+
+        Spheres, boxes, capsules, cylinders and ellipsoids as they are, meshes as their convex
+        hulls, which over planes is the same. Those of the world, and of links that the file lets
+        through it, are left out. They are named after link and kind, ``"base box"``; where a
+        ready-made contact stands on a shape, that has its name: use either these contacts or
+        `frictional_contacts`, a scene with both is refused.
+
+        Parameters
+        ----------
+        friction : float
+            Coulomb's coefficient [1].
+        ground : Plane, optional
+            The ground; z = 0 of the world by default.
+        shapes : sequence of str, optional
+            Names of the links, or of single shapes, to take; all of them by default.
+
+        Raises
+        ------
+        InvalidModel
+            If the robot has no file with collision shapes, or one of them cannot be read, or cannot
+            touch; the text names it.
+        UnknownName
+            If `shapes` names none of them.
+
+        Notes
+        -----
+        The shapes are read from `description`, and their meshes looked for in `package_dirs`.
+        """
+        from condyn_pin.io.collisions import collisions
+
+        return collisions(self, friction, Plane() if ground is None else ground, shapes)
+
     def limits(self) -> tuple[JointLimit, ...]:
         """Return the stops of all joints with a finite limit, for `Scene(contacts=...)`."""
         from condyn_pin.constraints.contacts.joint_limit import JointLimit

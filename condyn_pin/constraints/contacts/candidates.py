@@ -296,7 +296,9 @@ class Pairs:
             ]
             filled = map(_filled, found, (pair.points for pair in self._pairs))
             gaps, points, normals = (np.concatenate(parts) for parts in zip(*filled, strict=True))
-            self._found = gaps, points, np.array([plane(n, 0.0).rotation for n in normals])
+            distinct, of = np.unique(normals, axis=0, return_inverse=True)
+            axes = np.array([plane(n, 0.0).rotation for n in distinct])
+            self._found = gaps, points, axes[of.ravel()]
             self._at[:] = now
         return self._found
 

@@ -24,7 +24,15 @@ from condyn_pin.constraints.constraint import (
     shifted_placement,
 )
 from condyn_pin.constraints.contacts.contact import Contact, Mode
-from condyn_pin.constraints.contacts.shapes import ContactPoint, Plane, Point, Shape
+from condyn_pin.constraints.contacts.shapes import (
+    ContactPoint,
+    Cylinder,
+    Ellipsoid,
+    Plane,
+    Point,
+    Shape,
+    plane_core,
+)
 from condyn_pin.constraints.contacts.touches import BoundContact, BoundShape, Pair, PlaneContact
 from condyn_pin.constraints.places import FrameLike, set_frames
 from condyn_pin.constraints.planar_contact import PlanarContact
@@ -46,7 +54,7 @@ class FrictionalContact(Contact):
     frame : str, (joint, pin.SE3) or pin.Frame
         Frame of the robot that carries the shape.
     shape : Shape
-        `Point`, `Ball`, `Capsule`, `Box` or `Convex`; a point by default.
+        `Point`, `Ball`, `Capsule`, `Box`, `Convex`, `Cylinder` or `Ellipsoid`; a point by default.
     offset : (3,) sequence of float
         The centre of the shape, in the axes of `frame` [m].
     on : Plane, str, (joint, pin.SE3) or pin.Frame
@@ -54,7 +62,8 @@ class FrictionalContact(Contact):
         carries `on_shape`.
     on_shape : Plane or Shape, optional
         What `on` carries, in its axes: a plane, or a shape round its origin. Two shapes have 1, 4
-        (a capsule and a solid), 5 (capsules) or 8 (solids) points where they meet.
+        (a capsule and a solid), 5 (capsules) or 8 (solids) points where they meet. Cylinders and
+        ellipsoids touch planes alone, in 6 points and 1.
     friction : float
         Coulomb's coefficient [1], 1000 at most. There is no default: 0 is ice, 0.7 rubber on a dry
         floor.
@@ -88,7 +97,8 @@ class FrictionalContact(Contact):
         if not isinstance(self.shape, Shape):
             raise InvalidArgument(
                 f"shape = {text_of(self.shape)}: a Point(), Ball(radius), "
-                "Capsule(radius, half_length), Box(x, y, z) or Convex(vertices) is needed"
+                "Capsule(radius, half_length), Box(x, y, z), Convex(vertices), "
+                "Cylinder(radius, half_length) or Ellipsoid(x, y, z) is needed"
             )
         object.__setattr__(self, "offset", floats("offset", self.offset, 3))
         self._check_ground()
@@ -128,6 +138,15 @@ class FrictionalContact(Contact):
                 f"on_shape = {text_of(self.on_shape)}: the shape on {self.on!r} is needed: a "
                 "Plane, Ball, Capsule, Box or Convex"
             )
+        for key, one, other in (
+            ("shape", self.shape, self.on_shape),
+            ("on_shape", self.on_shape, self.shape),
+        ):
+            if isinstance(one, Cylinder | Ellipsoid) and isinstance(other, Shape):
+                raise InvalidArgument(
+                    f"{key} = {one!r}: it touches planes alone; a Capsule, a Box or a Convex also "
+                    "touches other shapes"
+                )
         if self.shape == self.on_shape == Point():
             raise InvalidArgument("on_shape = Point(): points never meet; make one a Ball")
 
@@ -151,6 +170,9 @@ class FrictionalContact(Contact):
             ))  # fmt: skip
         assert below is not None  # checked when it was made
         plane = origin * below.placement
+        if (core := self.shape.over_plane) is not None:
+            pair = Pair(self.name, joint, at, core, ground, plane, plane_core(), *law)
+            return BoundContact(self.name, pairs=(pair,), solids=_solids((joint, at, self.shape)))
         touches = (
             PlaneContact(
                 self._called(f), joint, at.act(np.array(f.middle)), f.radius, ground, plane, *law
@@ -163,8 +185,8 @@ class FrictionalContact(Contact):
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
         """Return its contact points as constraints: points and balls that stick or slide."""
-        if not isinstance(self.on, Plane):
-            return self._between_bodies(modes)
+        if not isinstance(self.on, Plane) or self.shape.over_plane is not None:
+            return self._wandering(modes)
         chosen = {}
         for point in self.shape.contact_points:
             name = self._called(point)
@@ -199,12 +221,15 @@ class FrictionalContact(Contact):
             )
         return RollingBall(self.frame, point.radius, self.on.normal, name=name)
 
-    def _between_bodies(self, modes: Mapping[str, Mode] | None) -> tuple[()]:
-        """Return nothing if all its candidates are open."""
+    def _wandering(self, modes: Mapping[str, Mode] | None) -> tuple[()]:
+        """Return nothing if all its candidates are open: they are no points of the body."""
         if modes is None or any(m != "open" for name, m in modes.items() if self.owns(name)):
-            raise UnsupportedConstraint(
-                f"{self.name} is between two bodies: hold them together with a Loop"
+            cure = (
+                "is between two bodies: hold them together with a Loop"
+                if not isinstance(self.on, Plane)
+                else f"touches in other points as it turns: hold {self.frame!r} with a PointContact"
             )
+            raise UnsupportedConstraint(f"{self.name} {cure}")
         return ()
 
     def _called(self, point: ContactPoint) -> str:

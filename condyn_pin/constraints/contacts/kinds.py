@@ -42,7 +42,10 @@ def bind_contacts(
         made = contact.bind(robot)
         for name in dict.fromkeys((made.name, *made.candidates)):
             if name in names:
-                raise InvalidConstraint(f"two contacts are named {name!r}; give one a name=...")
+                raise InvalidConstraint(
+                    f"two contacts are named {name!r}; give one a name=..., or leave one out: feet "
+                    "are in robot.collisions() and in robot.frictional_contacts()"
+                )
             names.add(name)
         bound.append(made)
     return tuple(bound)

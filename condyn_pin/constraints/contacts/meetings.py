@@ -3,6 +3,7 @@
     corner on face    gap = n . (corner - face),                  n of the face
     edge on edge      gap = n . (point of A - point of B),        n = d_A x d_B
     round on any      gap = |a - b| - radius_A - radius_B,        n along a - b
+    many on a plane   gap = n . (point - plane),                  n of the plane
 
 n points from B to A. Each gap is that of features fixed to the bodies, so that it changes as fast
 as the material points at its contact point approach along n; a flat contact has as many gaps as
@@ -37,6 +38,12 @@ from condyn_pin.constraints.contacts.shapes import (
 _SOLID: Final = 8  # two quadrangles cut each other in an octagon
 _CAPSULES: Final = 5  # four ends, and a crossing
 _CAPSULE_ON_SOLID: Final = 4  # two ends, and two edges
+_CYLINDER_ON_PLANE: Final = 6  # the lowest of each rim, and four of the lower one
+
+# Corners that are higher than the lowest one of their solid by less are next to touch, as a share
+# of its size: a facet of a fine mesh tips over one of its edges by as much.
+_NEXT: Final = 1e-2
+_FEWEST: Final = 4  # corners, whether they are in this band or not
 
 
 class ContactPoints(NamedTuple):
@@ -68,6 +75,10 @@ def _joined(*parts: ContactPoints) -> ContactPoints:
 
 def most_meetings(A: Core, B: Core) -> int:
     """Largest number of contact points of two shapes."""
+    if B.is_plane:
+        if A.half_axes is None:
+            return min(_SOLID, len(A.vertices))
+        return _CYLINDER_ON_PLANE if A.has_rims else 1
     if A.is_point or B.is_point:
         return 1
     if A.is_solid and B.is_solid:
@@ -81,6 +92,8 @@ def meetings(A: Core, B: Core) -> ContactPoints:
     The least gap is the distance of the shapes; where they penetrate, the least shift that takes
     them apart, negative.
     """
+    if B.is_plane:
+        return _over_plane(A, B)
     if A.is_solid and not B.is_solid:
         return meetings(B, A).turned()
     if A.is_point:
@@ -92,6 +105,52 @@ def meetings(A: Core, B: Core) -> ContactPoints:
     between = _points_of_crossings(A, B)
     found = _joined(_points_of_round_core(A, B), between.least(2) if B.is_solid else between)
     return found.taken(_distinct(found, max(A.size, B.size))[: most_meetings(A, B)])
+
+
+def _over_plane(A: Core, B: Core) -> ContactPoints:
+    """Contact points of a shape over a plane.
+
+    A point of a smooth surface with the least gap moves along the plane alone, so that its gap
+    changes as fast as its material approaches.
+    """
+    n, height = B.normals[0], B.heights[0]
+    points = A.vertices if A.half_axes is None else _lowest_points(A, n)
+    gaps = points.dot(n) - height
+    if A.half_axes is None:
+        chosen = _lowest_corners(points, gaps, A.size)
+        points, gaps = points[chosen], gaps[chosen]
+    return ContactPoints(gaps, points, np.repeat(n[None], len(points), axis=0))
+
+
+def _lowest_points(A: Core, n: Array) -> Array:
+    """Lowest point of an ellipsoid along n, or of both rims of a cylinder and four of one."""
+    assert A.half_axes is not None
+    centre, along = A.vertices[0], n.dot(A.half_axes)  # (3,), heights of the ends of half axes
+    if not A.has_rims:
+        return np.asarray(centre - A.half_axes.dot(along / np.sqrt(along.dot(along))))[None]
+    x, y, axis = A.half_axes.T
+    tilt = np.hypot(along[0], along[1])
+    lowest = -(along[0] * x + along[1] * y) / tilt if tilt > 0.0 else x  # upright all are equal
+    ends = np.array([centre + axis, centre - axis])
+    lower = ends[1] if along[2] >= 0.0 else ends[0]
+    return np.vstack([ends + lowest, lower + np.array([x, y, -x, -y])])
+
+
+def _lowest_corners(points: Array, gaps: Array, size: float) -> Indices:
+    """Indices of the lowest corner, of those far apart in a band above it, and the next lowest.
+
+    Of a solid that is above the plane by more than its size, of the lowest corner alone.
+    """
+    if gaps.min() > size:
+        return np.array([np.round(gaps, 12).argmin()])
+    order = np.round(gaps, 12).argsort(kind="stable")[: 8 * _SOLID]
+    level = order[gaps[order] <= gaps[order[0]] + _NEXT * size]
+    kept, apart = [int(order[0])], np.full(len(level), np.inf)
+    while len(kept) < min(_SOLID, len(level)):
+        apart = np.minimum(apart, ((points[level] - points[kept[-1]]) ** 2).sum(axis=1))
+        kept.append(int(level[np.round(apart, 12).argmax()]))
+    kept += order[len(level) : len(level) + _FEWEST - len(kept)].tolist()
+    return np.sort(kept)
 
 
 def _points_of_round_core(A: Core, B: Core) -> ContactPoints:

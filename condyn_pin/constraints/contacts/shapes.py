@@ -1,7 +1,8 @@
-"""Shapes of bodies in contact: points, balls, capsules, boxes and convex solids.
+"""Shapes of bodies in contact: points, balls, capsules, boxes, round and convex solids.
 
 What of a shape meets a plane are its contact points, points with a radius: the gap of one at p over
 a plane n . x = height is n . p - height - radius, and the gap of the shape is the least of them.
+Which points these are depends on n for cylinders, ellipsoids and solids of many corners.
 """
 
 from __future__ import annotations
@@ -13,11 +14,11 @@ from itertools import pairwise, product
 from typing import Any, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import register
-from condyn_pin._core.arrays import Array, text_of
+from condyn_pin._core.arrays import Array, finite_rows, text_of
 from condyn_pin.constraints.constraint import (
     Patch,
     Vector3,
@@ -86,6 +87,11 @@ class Core(NamedTuple):
     size, reach : float
         The longest distance along a coordinate of its own axes, and of a point of the shape from
         the origin [m].
+    half_axes : (3, 3) array, optional
+        Columns from the centre, the only vertex, to the surface of an ellipsoid; of a cylinder, to
+        its rim twice, and to its end [m].
+    has_rims : bool
+        True of a cylinder.
     """
 
     vertices: Array
@@ -97,6 +103,8 @@ class Core(NamedTuple):
     directions: Array
     size: float
     reach: float
+    half_axes: Array | None = None
+    has_rims: bool = False
 
     @property
     def is_point(self) -> bool:
@@ -106,7 +114,12 @@ class Core(NamedTuple):
     @property
     def is_solid(self) -> bool:
         """True if the core has faces."""
-        return len(self.normals) > 0
+        return len(self.normals) > 1
+
+    @property
+    def is_plane(self) -> bool:
+        """True if the core is a half-space, z <= 0 in its own axes."""
+        return len(self.normals) == 1
 
     def placed(self, at: Any) -> Core:
         """Return the core in the world, at a placement."""
@@ -115,7 +128,31 @@ class Core(NamedTuple):
         return self._replace(
             vertices=self.vertices.dot(R.T) + p, normals=normals,
             heights=self.heights + normals.dot(p), directions=self.directions.dot(R.T),
+            half_axes=None if self.half_axes is None else R.dot(self.half_axes),
         )  # fmt: skip
+
+
+_NO_EDGES: Final = np.zeros((0, 2), dtype=np.int_)
+
+
+def plane_core() -> Core:
+    """Core of the half-space z <= 0."""
+    up, no = np.array([[0.0, 0.0, 1.0]]), np.zeros((0, 3))
+    return Core(np.zeros((1, 3)), _NO_EDGES, up, np.zeros(1), (), 0.0, no, 0.0, np.inf)
+
+
+def corners_core(vertices: Array) -> Core:
+    """Core of a solid of which its corners are enough: what meets planes alone."""
+    return _core(vertices, _NO_EDGES, np.zeros((0, 3)), np.zeros(0), (), 0.0)
+
+
+def round_core(half_axes: Array, *, has_rims: bool) -> Core:
+    """Core of an ellipsoid or a cylinder about the origin; see `Core.half_axes`."""
+    lengths = lengths_of(half_axes.T)[0]
+    reach = float(np.hypot(lengths[0], lengths[2]) if has_rims else lengths.max())
+    return corners_core(np.zeros((1, 3)))._replace(
+        half_axes=half_axes, has_rims=has_rims, size=2.0 * float(lengths.max()), reach=reach
+    )
 
 
 def points_core(*vertices: tuple[float, float, float], radius: float) -> Core:
@@ -227,7 +264,7 @@ def unit_cross(one: Array, two: Array) -> tuple[Array, Array]:
     return normals, lengths
 
 
-# Shapes of bodies that touch: points, balls, capsules and boxes.
+# Shapes of bodies that touch: points, balls, capsules, boxes, cylinders and ellipsoids.
 
 
 # All shapes by the names of their classes, by which archives find them.
@@ -257,6 +294,11 @@ class Shape(ABC):
     @property
     def patch(self) -> Patch | None:
         """Picture of the shape; None without a size."""
+        return None
+
+    @property
+    def over_plane(self) -> Core | None:
+        """Shape over a plane, if its contact points depend on the plane; None if they do not."""
         return None
 
     @property
@@ -388,11 +430,95 @@ class Box(Shape):
         return box_core(self.x, self.y, self.z)
 
 
+class _Round(Shape):
+    """A shape with a smooth surface, which touches planes alone."""
+
+    @property
+    def contact_points(self) -> tuple[ContactPoint, ...]:
+        """No point is one in all positions."""
+        return ()
+
+    @property
+    def over_plane(self) -> Core:
+        """The shape itself."""
+        return self.core
+
+
+@dataclass(frozen=True)
+class Cylinder(_Round):
+    """A cylinder along z, round the origin. It touches planes, and no other shapes.
+
+    Its contact points are the lowest one of each rim, and four on the lower rim that turn with it.
+
+    Parameters
+    ----------
+    radius : float
+        Radius [m].
+    half_length : float
+        Half the distance between its two ends [m].
+
+    Raises
+    ------
+    InvalidArgument
+        If a length is not positive.
+    """
+
+    radius: float  # [m]
+    half_length: float  # [m]
+
+    def __post_init__(self) -> None:
+        check_positive("length [m]", radius=self.radius, half_length=self.half_length)
+        object.__setattr__(self, "radius", float(self.radius))
+        object.__setattr__(self, "half_length", float(self.half_length))
+
+    @property
+    def patch(self) -> Patch:
+        """The cylinder."""
+        return Patch("rod", (self.radius, 2.0 * self.half_length))
+
+    @property
+    def core(self) -> Core:
+        """The cylinder."""
+        return round_core(np.diag([self.radius, self.radius, self.half_length]), has_rims=True)
+
+
+@dataclass(frozen=True)
+class Ellipsoid(_Round):
+    """An ellipsoid round the origin. It touches planes, and no other shapes.
+
+    Its contact point at a plane with normal n is -A^2 n / |A n|, A the diagonal matrix of x, y, z.
+
+    Parameters
+    ----------
+    x, y, z : float
+        Half of its axes [m].
+
+    Raises
+    ------
+    InvalidArgument
+        If an axis is not positive.
+    """
+
+    x: float  # [m]
+    y: float  # [m]
+    z: float  # [m]
+
+    def __post_init__(self) -> None:
+        check_positive("half of an axis [m]", x=self.x, y=self.y, z=self.z)
+        for axis in "xyz":
+            object.__setattr__(self, axis, float(getattr(self, axis)))
+
+    @property
+    def core(self) -> Core:
+        """The ellipsoid."""
+        return round_core(np.diag([self.x, self.y, self.z]), has_rims=False)
+
+
 # A convex solid by its corners: what a mesh has to be to touch.
 
 
-# Three rows each on a plane: what has more is as good with fewer.
-_MOST: Final = 64
+# Three rows each on a plane: of more corners those that are near it are enough.
+_EACH: Final = 64
 
 
 @dataclass(frozen=True)
@@ -402,8 +528,8 @@ class Convex(Shape):
     Parameters
     ----------
     vertices : sequence of (3,) sequence of float
-        Its corners, 4 to 64 of them, each on its hull [m]. A mesh with more of them, or one that is
-        not convex, is to be simplified or cut into parts first.
+        Its corners, 4 or more, each on its hull [m]; `Convex.hull` finds those of a mesh. Up to 64
+        corners are a contact point each over a plane; of more, the eight that are next to touch.
 
     Raises
     ------
@@ -421,17 +547,42 @@ class Convex(Shape):
         vertices = tuple(
             floats(f"vertices[{i}]", point, 3) for i, point in enumerate(self.vertices)
         )
-        if not 4 <= len(vertices) <= _MOST:
-            raise InvalidArgument(f"vertices: {len(vertices)} of them; 4 to {_MOST} are needed")
+        if len(vertices) < 4:
+            raise InvalidArgument(f"vertices: {len(vertices)} of them; 4 or more are needed")
         object.__setattr__(self, "vertices", vertices)
         inside = set(range(len(vertices))) - set(self._hull.vertices.tolist())
         if inside:
             i = min(inside)
             raise InvalidArgument(
                 f"vertices[{i}] = {vertices[i]}: it is not a corner of the convex hull; a "
-                "convex solid is needed, so split a concave mesh into convex parts"
+                "convex solid is needed: Convex.hull(vertices) is the one round all of them, or "
+                "split a concave mesh into convex parts"
             )
-        self.core  # noqa: B018  refuses what is too flat
+        if len(vertices) <= _EACH:
+            self.core  # noqa: B018  refuses what is too flat
+
+    @staticmethod
+    def hull(points: ArrayLike) -> Convex:
+        """Return the convex hull of points (k, 3) [m], such as the corners of a mesh.
+
+        Raises
+        ------
+        InvalidArgument
+            If the points lie in a plane, or are no points.
+        """
+        corners = finite_rows("points", points, 3)
+        while True:  # a corner that rounding makes one is none of the hull of the others
+            kept = np.sort(_hull_of(corners).vertices)
+            if len(kept) == len(corners):
+                return Convex(tuple(map(tuple, corners.tolist())))
+            corners = corners[kept]
+
+    @property
+    def over_plane(self) -> Core | None:
+        """Its corners, if they are many."""
+        if len(self.vertices) <= _EACH:
+            return None
+        return corners_core(np.array(self.vertices))
 
     @property
     def contact_points(self) -> tuple[ContactPoint, ...]:
@@ -462,12 +613,17 @@ class Convex(Shape):
 
     @property
     def _hull(self) -> Any:
-        from scipy.spatial import ConvexHull, QhullError
+        return _hull_of(np.array(self.vertices))
 
-        try:
-            return ConvexHull(np.array(self.vertices))
-        except QhullError as error:
-            raise _flat() from error
+
+def _hull_of(points: Array) -> Any:
+    """Hull of points (k, 3) by Qhull, or InvalidArgument."""
+    from scipy.spatial import ConvexHull, QhullError
+
+    try:
+        return ConvexHull(points)
+    except (QhullError, ValueError) as error:  # flat; fewer than four
+        raise _flat() from error
 
 
 def _planes(points: Array, hull: Any, off: float) -> tuple[Array, Array]:

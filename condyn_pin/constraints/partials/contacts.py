@@ -425,6 +425,8 @@ def _slidings(
         between = float(gap) + r + other
         if gap == np.inf:
             yield _NOWHERE, r
+        elif B.is_plane:  # by differences
+            yield None, r
         elif are_balls:
             yield of_balls(n, between), r
         else:

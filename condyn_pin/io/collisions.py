@@ -1,0 +1,156 @@
+"""Collision shapes of a robot's file as contacts.
+
+    sphere, box, capsule, cylinder, ellipsoid      the shape itself
+    mesh                                           its convex hull
+
+A plane touches of a mesh what it touches of the hull, so that nothing is lost over planes.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
+from condyn_pin.constraints.contacts.shapes import (
+    Ball,
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    Ellipsoid,
+    Plane,
+    Shape,
+)
+from condyn_pin.constraints.places import WORLD, FrameLike
+from condyn_pin.errors import CondynError, InvalidModel, unknown_name
+from condyn_pin.io.shapes import Shape as FileShape
+from condyn_pin.io.shapes import shapes_of
+from condyn_pin.model.robot import Robot, members
+
+
+class LinkShape(NamedTuple):
+    """A collision shape of a link that moves."""
+
+    name: str
+    link: str
+    joint: int
+    frame: FrameLike
+    offset: tuple[float, float, float]  # in the axes of the frame [m]
+    shape: Shape
+
+
+def collisions(
+    robot: Robot, friction: float, ground: Plane, shapes: Sequence[str] | None
+) -> tuple[FrictionalContact, ...]:
+    """Contacts of the collision shapes of a file with a plane; see `Robot.collisions`."""
+    return tuple(
+        FrictionalContact(
+            each.frame, each.shape, each.offset, ground, friction=friction, name=each.name
+        )
+        for each in link_shapes(robot, shapes)
+        if not _passes(robot, each.link)
+    )
+
+
+def _passes(robot: Robot, link: str) -> bool:
+    """True if the description lets a link through the world."""
+    return any(link in names and names & {*WORLD} for names in map(set, robot.exclusions))
+
+
+def link_shapes(robot: Robot, chosen: Sequence[str] | None) -> tuple[LinkShape, ...]:
+    """Collision shapes of the links that move, in the order of the file; those `chosen` by name."""
+    read, missing = shapes_of(
+        robot.description, "collision", model=robot.name, package_dirs=robot.package_dirs
+    )
+    if not read and not missing:
+        raise InvalidModel(
+            f"{robot.name}: no file with collision shapes: description = {robot.description!r}; "
+            "write a FrictionalContact for each shape yourself"
+        )
+    if missing and chosen is None:
+        raise InvalidModel(
+            f"{robot.name}: a collision shape cannot be read: {missing[0]}; package_dirs= of "
+            "load_robot says where meshes lie, and shapes=[...] names the shapes to take"
+        )
+    named = list(_named(robot, read))
+    if chosen is not None:
+        wanted = set(members("shapes", chosen, (str,)))
+        known = {key for name, _, shape in named for key in (name, shape.link)}
+        for name in sorted(wanted - known):
+            raise unknown_name("shape", name, sorted(known))
+        named = [each for each in named if wanted & {each[0], each[2].link}]
+    return tuple(_placed(robot, *each) for each in named)
+
+
+def _named(robot: Robot, read: Sequence[FileShape]) -> Iterator[tuple[str, int, FileShape]]:
+    """Yield the name and the joint of each shape of a link that moves.
+
+    The first shape of the link of a ready-made contact has its name: a scene with both is refused.
+    """
+    found = []
+    for shape in read:
+        joint, placement = robot.frame(shape.link)
+        if joint:
+            found.append((joint, placement, shape))
+    count = Counter(f"{shape.link} {shape.kind}" for _, _, shape in found)
+    feet = {
+        _foot_shape(robot, contact.frames[0], found): contact.name for contact in robot.contacts
+    }
+    seen: Counter[str] = Counter()
+    for i, (joint, _, shape) in enumerate(found):
+        name = f"{shape.link} {shape.kind}"
+        seen[name] += 1
+        numbered = f"{name} {seen[name]}" if count[name] > 1 else name
+        yield feet.get(i, numbered), joint, shape
+
+
+def _foot_shape(
+    robot: Robot, frame: str, found: Sequence[tuple[int, Any, FileShape]]
+) -> int | None:
+    """Number of the shape on which a foot stands: of its link, or the next one of its joint."""
+    joint, at = robot.frame(frame)
+    of_joint = [i for i, (carrier, _, _) in enumerate(found) if carrier == joint]
+    away = {
+        i: (
+            found[i][2].link != frame,
+            float(
+                np.linalg.norm((found[i][1] * found[i][2].placement).translation - at.translation)
+            ),
+        )
+        for i in of_joint
+    }
+    return min(away, key=lambda i: away[i]) if away else None
+
+
+def _placed(robot: Robot, name: str, joint: int, of_file: FileShape) -> LinkShape:
+    """Shape in the words of contacts: its frame, its offset there, and its sizes."""
+    try:
+        if of_file.kind == "mesh":
+            hull = Convex.hull(of_file.mesh().vertices)
+            return LinkShape(name, of_file.link, joint, of_file.link, (0.0, 0.0, 0.0), hull)
+        shape = _SHAPES[of_file.kind](*of_file.size)
+    except (CondynError, ValueError, OSError) as error:
+        raise InvalidModel(
+            f"{robot.name}: shape {name!r} cannot touch: {error}; shapes=[...] names the others"
+        ) from error
+    at = of_file.placement
+    if isinstance(shape, Ball) or (at.rotation == np.eye(3)).all():
+        x, y, z = at.translation.tolist()
+        return LinkShape(name, of_file.link, joint, of_file.link, (x, y, z), shape)
+    of_link = robot.frame(of_file.link)[1]
+    turned = str(robot.model.names[joint]), of_link * at
+    return LinkShape(name, of_file.link, joint, turned, (0.0, 0.0, 0.0), shape)
+
+
+# Sizes as a file has them: edges of boxes, half axes of ellipsoids, radius and length.
+_SHAPES: Final[dict[str, Callable[..., Shape]]] = {
+    "sphere": Ball,
+    "box": lambda x, y, z: Box(x / 2, y / 2, z / 2),
+    "capsule": lambda radius, length: Capsule(radius, length / 2),
+    "cylinder": lambda radius, length: Cylinder(radius, length / 2),
+    "ellipsoid": Ellipsoid,
+}
