@@ -226,6 +226,13 @@ def test_feet_are_not_there_twice_without_a_word():
         cp.Scene(solo, contacts=[*solo.frictional_contacts(0.7), *shapes])
 
 
+def test_a_sole_is_not_there_twice_either():
+    talos = cp.load_robot("talos")
+    corners = talos.frictional_contacts(0.7)
+    on_sole = {each.name for each in corners} & {each.name for each in talos.collisions(0.7)}
+    assert len(on_sole) == len(talos.contacts)  # one name of each foot in both
+
+
 def test_shapes_stay_through_copies_and_files(tmp_path):
     go2 = cp.load_robot("go2")
     feet = go2.collisions(0.7, shapes=["FL_foot", "FR_foot", "RL_foot", "RR_foot"])

@@ -14,6 +14,8 @@ from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from condyn_pin._core.arguments import check_type
+from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.constraints.contacts.shapes import (
     Ball,
@@ -47,6 +49,7 @@ def collisions(
     robot: Robot, friction: float, ground: Plane, shapes: Sequence[str] | None
 ) -> tuple[FrictionalContact, ...]:
     """Contacts of the collision shapes of a file with a plane; see `Robot.collisions`."""
+    check_type("ground", ground, Plane, "a Plane(normal, height) is needed")
     return tuple(
         FrictionalContact(
             each.frame, each.shape, each.offset, ground, friction=friction, name=each.name
@@ -89,7 +92,8 @@ def link_shapes(robot: Robot, chosen: Sequence[str] | None) -> tuple[LinkShape, 
 def _named(robot: Robot, read: Sequence[FileShape]) -> Iterator[tuple[str, int, FileShape]]:
     """Yield the name and the joint of each shape of a link that moves.
 
-    The first shape of the link of a ready-made contact has its name: a scene with both is refused.
+    That on which a ready-made contact stands has the name of its first foot, as in
+    `Robot.frictional_contacts`: a scene with both is refused.
     """
     found = []
     for shape in read:
@@ -98,7 +102,9 @@ def _named(robot: Robot, read: Sequence[FileShape]) -> Iterator[tuple[str, int, 
             found.append((joint, placement, shape))
     count = Counter(f"{shape.link} {shape.kind}" for _, _, shape in found)
     feet = {
-        _foot_shape(robot, contact.frames[0], found): contact.name for contact in robot.contacts
+        _foot_shape(robot, contact.frames[0], found): _first_foot(contact)
+        for contact in robot.contacts
+        if contact.frames
     }
     seen: Counter[str] = Counter()
     for i, (joint, _, shape) in enumerate(found):
@@ -106,6 +112,14 @@ def _named(robot: Robot, read: Sequence[FileShape]) -> Iterator[tuple[str, int, 
         seen[name] += 1
         numbered = f"{name} {seen[name]}" if count[name] > 1 else name
         yield feet.get(i, numbered), joint, shape
+
+
+def _first_foot(contact: Constraint) -> str:
+    """Name of the first point of a contact that touches; its own if it has none."""
+    try:
+        return contact.feet[0].name if contact.feet else contact.name
+    except CondynError:  # without a size
+        return contact.name
 
 
 def _foot_shape(
