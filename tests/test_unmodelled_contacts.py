@@ -66,9 +66,9 @@ def test_a_body_that_falls_through_the_floor_is_told_with_time_and_depth(
 def test_the_line_of_the_notice_adds_what_was_missing(tmp_path):
     robot = falling(tmp_path)
     (said,) = dropped(robot).notices
-    line = re.search(r"add (FrictionalContact\(.*?\)), its", said)[1]
-    contact = eval(line, {"FrictionalContact": cp.FrictionalContact, "Box": Box})
-    assert contact.friction == 0.4
+    line = re.search(r"\*(robot\.collisions\(.*?\))\]\) adds its shapes", said)[1]
+    (contact,) = eval(line, {"robot": robot})
+    assert (contact.friction, contact.shape) == (0.4, Box(0.15, 0.1, 0.05))
     run = dropped(robot, contact)
     (said,) = run.notices  # four corners carry it
     assert said.endswith("the contacts are redundant: lam is one of many")
@@ -81,11 +81,11 @@ def test_other_planes_are_named_and_what_no_contact_touches_is_no_ground(tmp_pat
     level = dropped(robot, on=Plane((0.0, 0.0, 1.0), -0.1), duration=0.4).notices
     (said,) = [each for each in level if each.startswith("crate")]
     assert "in the ground z = -0.1 m" in said
-    assert "on=Plane(height=-0.1), friction=0.4)" in said
+    assert 'friction=0.4, ground=Plane(height=-0.1), shapes=["crate"])' in said
     tilted = Plane((0.0, 0.6, 0.8), -0.2)
     (said,) = [each for each in dropped(robot, on=tilted).notices if each.startswith("crate")]
     assert "(0, 0.6, 0.8) . x = -0.2 m" in said
-    assert "on=Plane((0, 0.6, 0.8), -0.2), friction=0.4)" in said
+    assert 'friction=0.4, ground=Plane((0, 0.6, 0.8), -0.2), shapes=["crate"])' in said
     bare = cp.Scene(robot, contacts=[JointLimit("stand")])
     assert cp.simulate(bare, np.zeros(2), np.zeros(2), duration=0.4).notices == ()
 

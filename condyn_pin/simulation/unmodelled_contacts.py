@@ -20,6 +20,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms, data_of
+from condyn_pin.constraints.contacts.touches import Pair, PlaneContact
 from condyn_pin.constraints.places import WORLD
 from condyn_pin.constraints.rows.bound import ConstraintViolation, beyond_text
 from condyn_pin.dynamics.scene import Scene
@@ -70,15 +71,13 @@ class _Solid(NamedTuple):
     middle: Array  # (3,) [m]
     radius: float  # of the ball around the middle that holds all corners [m]
     kind: str
-    size: Array  # (3,), half edges of its box in the axes of the link [m]
-    centre: Array  # (3,), of that box, in the axes of the link [m]
 
 
 class _Ground(NamedTuple):
     """A plane that contacts of a scene may touch."""
 
     name: str
-    made: str  # how a FrictionalContact says it; empty where that is the default
+    made: str  # how `Robot.collisions` names it; empty where that is the default
     ground: int  # the joint that carries it
     placement: Any  # z out of the ground
     friction: float
@@ -98,7 +97,7 @@ class _Passed(NamedTuple):
 
 def bodies_passed(trajectory: Trajectory) -> list[str]:
     """Sentences on bodies whose collision shape of the file goes into the ground of the scene."""
-    if not any(bound.touches for p in trajectory.phases for bound in p.scene.contact_bounds):
+    if not any(_planes(phase.scene) for phase in trajectory.phases):
         return []
     solids = _solids(trajectory.scene.robot)
     looks = np.unique(np.linspace(0, len(trajectory.t) - 1, _LOOKS).astype(int))
@@ -113,22 +112,20 @@ def bodies_passed(trajectory: Trajectory) -> list[str]:
             deepest = found if before is None or found.depth > before.depth else before
             worst[key] = deepest._replace(first=first)
     deepest_first = sorted(worst.values(), key=lambda each: -each.depth)
-    taken = {contact.name for contact in trajectory.scene.contacts}
-    return [_text(each, float(trajectory.t[0]), taken) for each in deepest_first[:_LISTED]]
+    return [_text(each, float(trajectory.t[0])) for each in deepest_first[:_LISTED]]
 
 
-def _text(found: _Passed, t0: float, taken: set[str]) -> str:
+def _text(found: _Passed, t0: float) -> str:
     solid, plane = found.solid, found.plane
     when = "from the start" if found.first <= t0 else f"from t = {found.first:.3g} s on"
-    half = ", ".join(f"{x:.3g}" for x in solid.size)
-    at = ", ".join(f"{x:.3g}" for x in solid.centre)
-    offset = f", ({at})" if np.abs(solid.centre).max() > tolerances.CLOSED else ""
-    name = f', name="{solid.link} box"' if solid.link in taken else ""
+    cure = "a FrictionalContact(..., on=..., on_shape=Plane(...)) of its shape does too"
+    if not plane.ground:
+        named = f'friction={plane.friction:g}{plane.made}, shapes=["{solid.link}"]'
+        cure = f"Scene(..., contacts=[..., *robot.collisions({named})]) adds its shapes"
     return (
         f"{solid.link} (a {solid.kind} in the file) is in the ground {plane.name} {when}, "
         f"{1e3 * found.depth:.3g} mm deep at t = {found.t:.3g} s: only the scene's contacts touch; "
-        f'add FrictionalContact("{solid.link}", Box({half}){offset}{plane.made}, '
-        f"friction={plane.friction:g}{name}), its bounding box"
+        f"{cure}"
     )
 
 
@@ -167,14 +164,17 @@ def _planes(scene: Scene) -> list[_Ground]:
     """Planes of the contacts of a scene, each once."""
     found: dict[tuple[Any, ...], _Ground] = {}
     for bound in scene.contact_bounds:
-        for touch in bound.touches:
-            n, at = touch.plane.rotation[:, 2], touch.plane.translation
-            height = float(n @ at)
+        over: list[tuple[PlaneContact | Pair, Any]] = [
+            (touch, touch.plane) for touch in bound.touches
+        ]
+        over += [(p, p.ground_placement) for p in bound.pairs if p.ground_shape.is_plane]
+        for touch, plane in over:
+            n, height = plane.rotation[:, 2], float(plane.rotation[:, 2] @ plane.translation)
             key = (touch.ground, *np.round([*n, height], 9).tolist())
             if key not in found:
                 words = _plane_in_words(scene, touch.ground, n, height)
                 apart = _excluded_bodies(scene.robot, touch.ground)
-                found[key] = _Ground(*words, touch.ground, touch.plane, touch.friction, {}, apart)
+                found[key] = _Ground(*words, touch.ground, plane, touch.friction, {}, apart)
             found[key].allowed[touch.joint] = tolerances.FEET_IN_THE_GROUND
     return list(found.values())
 
@@ -188,13 +188,13 @@ def _excluded_bodies(robot: Robot, joint: int) -> frozenset[str]:
 
 
 def _plane_in_words(scene: Scene, ground: int, n: Array, height: float) -> tuple[str, str]:
-    """Name of a plane, and how a FrictionalContact says it."""
+    """Name of a plane, and how `Robot.collisions` names it."""
     if ground:
-        return f"that {scene.robot.model.names[ground]} carries", ", on=..., on_shape=Plane(...)"
+        return f"that {scene.robot.model.names[ground]} carries", ""
     normal = ", ".join(f"{x:.6g}" for x in n)
     if n[2] < 1.0 - tolerances.CLOSED:
-        return f"({normal}) . x = {height:.4g} m", f", on=Plane(({normal}), {height:.6g})"
-    made = f", on=Plane(height={height:.6g})" if abs(height) > tolerances.CLOSED else ""
+        return f"({normal}) . x = {height:.4g} m", f", ground=Plane(({normal}), {height:.6g})"
+    made = f", ground=Plane(height={height:.6g})" if abs(height) > tolerances.CLOSED else ""
     return f"z = {height:.4g} m", made
 
 
@@ -212,7 +212,6 @@ def _solids(robot: Robot) -> tuple[_Solid, ...]:
         placed = corners @ frame.placement.rotation.T + frame.placement.translation
         middle = (placed.min(axis=0) + placed.max(axis=0)) / 2.0
         radius = float(np.linalg.norm(placed - middle, axis=1).max())
-        low, high = corners.min(axis=0), corners.max(axis=0)
         made.append(
             _Solid(
                 link=link,
@@ -221,8 +220,6 @@ def _solids(robot: Robot) -> tuple[_Solid, ...]:
                 middle=middle,
                 radius=radius,
                 kind=kind,
-                size=(high - low) / 2.0,
-                centre=(high + low) / 2.0,
             )
         )
     return tuple(made)
