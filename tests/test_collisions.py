@@ -94,6 +94,24 @@ def test_a_shape_that_tumbles_stays_above_the_ground_and_gains_no_energy(shape):
     assert np.diff(energy).max() < 5e-5  # of 2 J
 
 
+@pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
+def test_the_derivatives_of_a_step_are_its_differences(shape):
+    scene, v, h = body_with(shape, on=Plane()), np.array([0.2, 0.1, -0.2, 0.3, 0.1, 0.2]), 1e-7
+    model, q = scene.robot.model, turned(np.random.default_rng(5), 0.2)
+    q[2] += 5e-5 - min(contact_gaps(scene, q).values())
+    at = pin.XYZQUATToSE3(q)
+    v[:3] = at.rotation.T @ v[:3]
+    now = cp.step(scene, q, v, dt=1e-3)
+    assert {*now.modes.values()} - {"open"}
+
+    def after(e):
+        return cp.step(scene, pin.integrate(model, q, e), v, dt=1e-3).v
+
+    by_differences = np.array([(after(h * e) - after(-h * e)) / (2 * h) for e in np.eye(6)]).T
+    error = np.abs(now.derivatives().dv_dq - by_differences).max()
+    assert error < 1e-6 * np.abs(by_differences).max()
+
+
 def test_a_cylinder_rolls_as_a_wheel_and_stands_as_a_tin():
     rolls, v = body_with(Cylinder(0.05, 0.1), on=Plane()), np.zeros(6)
     lying = pin.SE3(pin.rpy.rpyToMatrix(np.pi / 2, 0, 0), np.array([0, 0, 0.05]))
