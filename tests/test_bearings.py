@@ -161,3 +161,17 @@ def test_nothing_holds_a_free_base() -> None:
     q, v = scene.sample(np.random.default_rng(2))
     found = cp.solve(scene, q, v, np.zeros(robot.nv)).bearings()
     np.testing.assert_allclose(found["root_joint"].wrench, 0.0, atol=1e-8)
+
+
+@pytest.mark.parametrize("name", ["cassie", "bricard"])
+def test_noise_of_sensors_leaves_what_is_determined(name: str) -> None:
+    robot = cp.load_robot("cassie") if name == "cassie" else cp.model.bricard()
+    scene, rng = cp.Scene(robot, robot.loops), np.random.default_rng(3)
+    q, v = scene.sample(rng)
+    tau = np.zeros(robot.nv)
+    closed = cp.solve(scene, q, v, tau).bearings()
+    q = pin.integrate(robot.model, q, 1e-4 * rng.normal(size=robot.nv))
+    v = v + 1e-4 * rng.normal(size=robot.nv)
+    for joint, bearing in cp.solve(scene, q, v, tau).bearings().items():
+        known = closed[joint].determined
+        np.testing.assert_array_equal(bearing.determined, known, err_msg=joint)

@@ -9,7 +9,8 @@ joint transmits what drives it, S_i^T f_i; the rest is what the bearing carries.
 the constraint itself is the bearing.
 
 Where rows are redundant, lam may change by any N z with J^T N = 0. A component of f is determined
-if no such change alters it.
+if no such change alters it where the loops are closed: those of a state from sensors are open, and
+J^T N is not quite zero there.
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.forces import AppliedForce, Loads
-from condyn_pin.dynamics.at_state import equations_of, left_out_at
+from condyn_pin.dynamics.at_state import equations_of, left_out_at, moves_back
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import ConstraintForce, Sites
 
@@ -87,18 +88,19 @@ def bearings(
     model = scene.robot.unedited
     data, equations = whole_data(model), equations_of(scene)
     load = Loads(scene.robot, model, whole_data(model)).at(q, forces) if forces else None
-    loose = left_out_at(scene, q).N.T if scene.rows else np.zeros((0, 0))
+    closed, loose = _redundant(scene, q, v)
 
-    def passed_on(lam: Array) -> Array:
+    def passed_on(q: Array, lam: Array) -> Array:
         """Wrench in each joint (njoints, 6), with forces lam."""
         wrenches = equations.wrenches_at(q, lam)
         pin.rnea(model, data, q, v, a, load.on_top_of(wrenches) if load else wrenches)
         return np.array([f.vector for f in data.f])
 
-    f = passed_on(lam)
     scale = max(float(np.abs(lam).max(initial=0.0)), 1.0)
-    pushed = [(passed_on(lam + scale * n) - f) / scale for n in loose]
+    there = passed_on(closed, lam)
+    pushed = [(passed_on(closed, lam + scale * n) - there) / scale for n in loose]
     fixed = _determined(np.array(pushed).reshape(-1, model.njoints, 6))
+    f = passed_on(q, lam)
     pin.computeJointJacobians(model, data, q)
     found = {}
     for i in range(1, model.njoints):
@@ -109,19 +111,27 @@ def bearings(
             str(model.names[i]), read_only(f[i]), fixed[i], read_only(S.T @ f[i]),
             np.array(oMi.translation), np.array(oMi.rotation), S,
         )  # fmt: skip
-    return found | _of_loops(Sites(scene, q), lam, loose)
+    return found | _of_loops(Sites(scene, q), lam, Sites(scene, closed), loose)
 
 
-def _of_loops(sites: Sites, lam: Array, loose: Array) -> dict[str, Bearing]:
+def _redundant(scene: Scene, q: Array, v: Array) -> tuple[Array, Array]:
+    """Configuration with closed loops, and combinations N^T of rows that are redundant there."""
+    if not scene.rows or not left_out_at(scene, q).N.size:
+        return q, np.zeros((0, scene.rows))
+    closed = np.array(pin.integrate(scene.robot.unedited, q, -moves_back(scene, q, v)[0]))
+    return closed, left_out_at(scene, closed).N.T
+
+
+def _of_loops(sites: Sites, lam: Array, closed: Sites, loose: Array) -> dict[str, Bearing]:
     """Wrenches in the constraints between two frames of bodies, on the second body."""
 
-    def on_second(lam: Array) -> dict[str, ConstraintForce]:
+    def on_second(sites: Sites, lam: Array) -> dict[str, ConstraintForce]:
         forces = sites.forces(lam).items()
         return {name: each.on_other() for name, each in forces if each.frame}
 
-    changes = [on_second(n) for n in loose]
+    changes = [on_second(closed, n) for n in loose]
     found = {}
-    for name, force in on_second(lam).items():
+    for name, force in on_second(sites, lam).items():
         if force.on == "world":
             continue
         pushed = np.array([_six(each[name]) for each in changes]).reshape(-1, 1, 6)
