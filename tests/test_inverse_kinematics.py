@@ -149,6 +149,33 @@ def test_what_is_out_of_reach_ends_where_the_arm_is_stretched() -> None:
     np.testing.assert_allclose(answer.errors["tip position"], [2.4, 3.2, 0.0], atol=1e-6)
 
 
+@pytest.mark.parametrize("lowest", [-3.0, 0.0])
+def test_stretched_arm_bends_towards_a_target_along_it(lowest: float) -> None:
+    """The gradient is zero there, and bending is the way; so it is where the elbow is at a stop."""
+    robot = planar_arm(2).with_limits({"joint2": (lowest, 3.0)})
+    task = FrameTask("tip", reference=[0.7, 0.0, 0.0])
+    answer = cp.solve_ik(cp.Scene(robot), [task], [0.0, 0.0])
+    assert abs(answer.q[1]) == pytest.approx(2.0 * math.acos(0.7), abs=1e-8)
+
+
+def test_limit_that_is_not_in_the_way_is_no_reason() -> None:
+    robot = planar_arm(3)
+    tasks = [
+        JointTask("joint1", reference=1.0, name="there"),
+        JointTask("joint1", reference=0.0, name="here"),
+    ]
+    answer = cp.solve_ik(cp.Scene(robot), tasks, [0.2, 0.1, 3.0], throw=False)
+    assert answer.at_limits == ("joint3",)
+    assert answer.status is IKStatus.STATIONARY
+
+
+@pytest.mark.parametrize("weight", [1e-300, 1e-12, 1e300])
+def test_weights_count_by_their_ratios(weight: float) -> None:
+    robot = planar_arm(2)
+    task = FrameTask("tip", reference=[0.3, 0.6, 0.0], weight=weight)
+    assert cp.solve_ik(cp.Scene(robot), [task], [0.3, 0.4]).status.ok
+
+
 def test_weights_decide_between_targets_that_contradict() -> None:
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
@@ -228,6 +255,7 @@ def test_mistakes_are_named() -> None:
         ([task, task], {}, "two are named"),
         ([FrameTask("tip", axes="xq")], {}, "no axis named 'q'"),
         ([task], {"attempts": 0}, "attempts"),
+        ([task], {"qp": "daqp"}, "qp = 'daqp'"),
         ([task], {"q0": [0.0]}, "q0"),
         ([task], {"posture": "lying"}, "lying"),
         ([task], {"fixed": ["elbow"]}, "elbow"),

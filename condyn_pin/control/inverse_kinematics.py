@@ -16,6 +16,10 @@ targets. What targets leave free goes to a posture, if one is given:
 The proof is the gradient of the first problem, without what stops of joints carry,
 
     Z^T E^T e + sum_i mu_i z_i = 0,    mu_i >= 0,    z_i the row of Z of a joint that is at its stop
+
+and no motion along which that problem curves down, as where an arm is stretched past its target:
+
+    y^T H y >= 0    for all Z y that move no joint with mu_i > 0
 """  # noqa: E501
 
 from __future__ import annotations
@@ -30,7 +34,14 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import check_count, check_flag, checked_names, listed, normalised
+from condyn_pin._core.arguments import (
+    check_count,
+    check_flag,
+    check_type,
+    checked_names,
+    listed,
+    normalised,
+)
 from condyn_pin._core.arrays import Array, finite, text_of
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
@@ -56,6 +67,10 @@ _FLOOR: Final = 1e-12  # of the damping, relative to |E Z|^2: targets leave some
 _SPREAD: Final = 0.4  # of the second start about the first, of the third twice that [rad, m]
 _WIDEST: Final = 6  # of these spreads
 _SETTLED: Final = 1e-8  # move of any joint that ends the search [rad, m]
+_CARRIED: Final = 1e-6  # of |E| |e|: what a joint at its limit carries, if it is in the way
+_APART: Final = 1e-3  # moves between which gradients are compared [rad, m]
+_CURVED: Final = 1e-6  # curvature that is downwards, relative to the largest
+_DOWN: Final = (0.1, 0.01, 0.001)  # moves along it [rad, m]
 _HOLDING: Final = 4  # steps that restore loops and targets after one towards the posture
 
 
@@ -222,6 +237,8 @@ def solve_ik(
     check_count("attempts", attempts)
     check_count("steps", steps)
     check_flag("within_limits", within_limits)
+    qp = DAQP() if qp is None else qp
+    check_type("qp", qp, QPSolver, "a solver such as DAQP() is needed")
     time = float(finite("t", t, ()))
     bare = scene.bilateral.at(time)
     start = nominal_configuration(bare) if q0 is None else normalised(robot.model, "q0", q0)
@@ -233,19 +250,19 @@ def solve_ik(
     goal = None if posture is None else _posture(scene, posture)
     bare = anchored(bare, start)
     closer = Closer.of(bare, moving, limits)
-    search = _Search(bare, _bound(bare, targets, time), closer, qp or DAQP())
+    search = _Search(bare, _bound(bare, targets, time), closer, qp)
     rng = np.random.default_rng(0)
     best: InverseKinematics | None = None
+    least = np.inf
     for attempt in range(1, attempts + 1):
         spread = _SPREAD * min(attempt - 1, _WIDEST)
         move = spread * rng.normal(size=robot.nv) * moving
         near = np.array(pin.integrate(robot.model, start, move))
         first = assemble_from(bare, near, moving, within_limits=within_limits)
         found = search.run(first, goal, steps)
-        if best is None or (found.assembly.closed, -_cost(found)) > (
-            best.assembly.closed, -_cost(best),
-        ):  # fmt: skip
-            best = found
+        miss = search.miss(np.concatenate(list(found.errors.values())))
+        if best is None or (found.assembly.closed, -miss) > (best.assembly.closed, -least):
+            best, least = found, miss
         best = replace(best, attempts=attempt)
         if best.status.ok:
             break
@@ -253,10 +270,6 @@ def solve_ik(
     if throw and not best.status.ok:
         raise best.error()
     return best
-
-
-def _cost(found: InverseKinematics) -> float:
-    return sum(float(e @ e) for e in found.errors.values())
 
 
 def _size(e: Array) -> float:
@@ -323,7 +336,8 @@ class _Search:
         self._motion = Motion(scene, equations_of(scene))
         self._ladder = SolverLadder(qp)
         weights = [np.full(len(task.names), weight) for task, weight in tasks.values()]
-        self._root = np.sqrt(np.concatenate(weights))  # of the weight of each row
+        every = np.concatenate(weights)
+        self._root = np.sqrt(every / every.max())  # of the weight of each row
 
     def run(self, first: Assembly, posture: Array | None, steps: int) -> InverseKinematics:
         """Answer from a start with closed loops."""
@@ -342,6 +356,10 @@ class _Search:
         rows = [task.rows(self._motion, 0.0) for task, _ in self._tasks.values()]
         E, e = np.vstack([E for E, _ in rows]), np.concatenate([e for _, e in rows])
         return _Place(q, J[self._closer.rows], e, E)
+
+    def miss(self, e: Array) -> float:
+        """|e|, weighted."""
+        return _size(self._root * e)
 
     def _weighted(self, here: _Place) -> tuple[Array, Array]:
         """Rows e and E, times the roots of their weights."""
@@ -367,17 +385,22 @@ class _Search:
             H.flat[:: len(g) + 1] += nu * min(size, 1.0) ** 2 + _FLOOR * (1.0 + np.trace(H))
             dq = self._within(here.q, Z, H, g)
             there = self._closed(here.q, dq)
-            gained = 0.0 if there is None else size**2 - _size(self._root * there.e) ** 2
+            gained = 0.0 if there is None else size**2 - self.miss(there.e) ** 2
             if there is None or gained <= 0.0:
                 nu *= 10.0
-                if nu > _MOST_DAMPING or np.abs(dq).max(initial=0.0) < tolerances.CLOSED:
-                    return here, self._blocked(here), iteration
-                continue
-            promised = size**2 - _size(e - E @ dq) ** 2
-            nu *= 4.0 if gained < 0.25 * promised else 0.2 if gained > 0.75 * promised else 1.0
-            here = there
-            if np.abs(dq).max() < _SETTLED and not _met(here):
-                return here, self._blocked(here), iteration + 1
+                stuck = nu > _MOST_DAMPING or np.abs(dq).max(initial=0.0) < tolerances.CLOSED
+            else:
+                promised = size**2 - _size(e - E @ dq) ** 2
+                nu *= 4.0 if gained < 0.25 * promised else 0.2 if gained > 0.75 * promised else 1.0
+                here = there
+                stuck = np.abs(dq).max() < _SETTLED and not _met(here)
+            if stuck:
+                _, carries = self._carried(here)
+                lower = self._lower(here, carries)
+                if lower is None:
+                    status = IKStatus.AT_LIMITS if carries.any() else IKStatus.STATIONARY
+                    return here, status, iteration + 1
+                here, nu = lower, _DAMPING
         status = IKStatus.REACHED if _met(here) else IKStatus.OUT_OF_STEPS
         return here, status, steps
 
@@ -449,9 +472,26 @@ class _Search:
         limits, x = self._closer.limits, q[self._closer.limits.iq]
         return (x <= limits.lower + tolerances.TARGET) | (x >= limits.upper - tolerances.TARGET)
 
-    def _blocked(self, here: _Place) -> IKStatus:
-        """Status where no step brings the targets nearer."""
-        return IKStatus.AT_LIMITS if self._stopped(here.q).any() else IKStatus.STATIONARY
+    def _lower(self, here: _Place, carries: NDArray[np.bool_]) -> _Place | None:
+        """Nearer configuration along the most negative curvature where the gradient is zero."""
+        stops = np.eye(len(here.E.T))[self._closer.limits.iv[carries]]
+        Z = self._free(np.vstack((here.J, stops)))
+        unlimited = replace(self._closer, limits=NO_LIMITS)
+        model, H = self._scene.robot.model, np.zeros((Z.shape[1],) * 2)
+        for i, z in enumerate(Z.T):
+            for sign in (1.0, -1.0):
+                end = unlimited.close(pin.integrate(model, here.q, sign * _APART * z))
+                there = self._place(end.q, end.J)
+                Y, (e, E) = self._free(there.J), self._weighted(there)
+                H[i] -= sign / (2.0 * _APART) * (Z.T @ (Y @ (Y.T @ (E.T @ e))))
+        curvatures, motions = np.linalg.eigh((H + H.T) / 2.0)
+        if not len(H) or curvatures[0] >= -_CURVED * np.abs(curvatures).max():
+            return None
+        for move in (sign * move for move in _DOWN for sign in (1.0, -1.0)):
+            lower = self._closed(here.q, move * Z @ motions[:, 0])
+            if lower is not None and self.miss(lower.e) < self.miss(here.e):
+                return lower
+        return None
 
     def _errors(self, here: _Place) -> dict[str, Array]:
         """Target minus actual, by task."""
@@ -459,8 +499,11 @@ class _Search:
         parts = np.split(here.e, np.cumsum(sizes)[:-1])
         return dict(zip(self._tasks, parts, strict=True))
 
-    def _slope(self, here: _Place) -> float:
-        """Gradient along the motions that loops leave, without what joints at limits carry."""
+    def _carried(self, here: _Place) -> tuple[float, NDArray[np.bool_]]:
+        """Gradient along the motions that loops leave, less what joints at limits carry; and which.
+
+        The second is a mask of the limits.
+        """
         # imported here: it takes as long to import as Pinocchio
         from scipy.optimize import nnls
 
@@ -469,8 +512,14 @@ class _Search:
         g, x = Z.T @ (E.T @ e), here.q[limits.iq]
         low = x <= limits.lower + tolerances.TARGET
         high = x >= limits.upper - tolerances.TARGET
+        carries = np.zeros(len(x), dtype=bool)
         pushed = np.vstack((-Z[limits.iv[low]], Z[limits.iv[high]]))
-        return float(nnls(pushed.T, g)[1]) if len(pushed) and len(g) else _size(g)
+        if not len(pushed) or not len(g):
+            return _size(g), carries
+        mu, slope = nnls(pushed.T, g)
+        at = np.concatenate((np.flatnonzero(low), np.flatnonzero(high)))
+        carries[at[mu > _CARRIED * float(np.linalg.norm(E)) * _size(e)]] = True
+        return float(slope), carries
 
     def _answer(
         self, here: _Place, status: IKStatus, iterations: int, assembly: Assembly | None = None
@@ -485,7 +534,7 @@ class _Search:
             self._errors(here),
             status,
             tuple(names),
-            self._slope(here),
+            self._carried(here)[0],
             iterations,
             1,
             assembly,
