@@ -126,6 +126,7 @@ def test_limits_that_stop_a_platform_are_named() -> None:
     task = FrameTask("platform", reference=raised, of="pose")
     answer = cp.solve_ik(scene, [task], throw=False)
     assert answer.status is IKStatus.AT_LIMITS
+    assert answer.status.word == "at_limits"
     assert answer.assembly.closed
     assert answer.at_limits
     assert all(name.startswith("leg") for name in answer.at_limits)

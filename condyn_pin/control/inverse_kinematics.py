@@ -26,7 +26,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from enum import Enum
 from typing import Final, NamedTuple
 
 import numpy as np
@@ -46,6 +45,7 @@ from condyn_pin._core.arrays import Array, finite, text_of
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import null_space
+from condyn_pin._core.show import Outcome
 from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.control.qp.chain import SolverLadder
 from condyn_pin.control.qp.daqp import DAQP
@@ -74,7 +74,7 @@ _DOWN: Final = (0.1, 0.01, 0.001)  # moves along it [rad, m]
 _HOLDING: Final = 4  # steps that restore loops and targets after one towards the posture
 
 
-class IKStatus(Enum):
+class IKStatus(Outcome):
     """Outcome of an inverse kinematics; the value is advice."""
 
     REACHED = "the loops are closed and every target is met"
@@ -88,14 +88,6 @@ class IKStatus(Enum):
     )
     OPEN = "the loops could not be closed at the start; give another q0"
     OUT_OF_STEPS = "the targets were still getting nearer; pass more steps, solve_ik(steps=1000)"
-
-    @property
-    def ok(self) -> bool:
-        """True if the configuration meets the targets."""
-        return self is IKStatus.REACHED
-
-    def __str__(self) -> str:
-        return f"{self.name.lower()}: {self.value}"
 
 
 @dataclass(frozen=True, eq=False)
