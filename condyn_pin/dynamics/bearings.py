@@ -87,7 +87,7 @@ def bearings(
     """Wrenches in the joints of the tree and in the loops, by name; see `Solution.bearings`."""
     model = scene.robot.unedited
     data, equations = whole_data(model), equations_of(scene)
-    load = Loads(scene.robot, model, whole_data(model)).at(q, forces) if forces else None
+    load = Loads(scene.robot, model, data).at(q, forces) if forces else None
     closed, loose = _redundant(scene, q, v)
 
     def passed_on(q: Array, lam: Array) -> Array:
@@ -111,7 +111,9 @@ def bearings(
             str(model.names[i]), read_only(f[i]), fixed[i], read_only(S.T @ f[i]),
             np.array(oMi.translation), np.array(oMi.rotation), S,
         )  # fmt: skip
-    return found | _of_loops(Sites(scene, q), lam, Sites(scene, closed), loose)
+    return found | _of_loops(
+        Sites(scene, q, equations), lam, Sites(scene, closed, equations), loose
+    )
 
 
 def _redundant(scene: Scene, q: Array, v: Array) -> tuple[Array, Array]:
