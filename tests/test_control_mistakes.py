@@ -118,6 +118,7 @@ TASKS: dict[str, Mistake] = {
     ),
     "com of two numbers": (lambda: CenterOfMass(reference=(0, 0)), InvalidArgument, "reference"),
     "com nan": (lambda: CenterOfMass(reference=(0, 0, NAN)), InvalidArgument, "reference"),
+    "axes no names": (lambda: CenterOfMass(axes=3), InvalidArgument, "axes = 3: names of rows"),
     "com a text": (lambda: CenterOfMass(reference="up"), InvalidArgument, "reference"),
     "a and reference": (
         lambda: CenterOfMass(a=(0, 0, 0), reference=(0, 0, 1)),

@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from numbers import Real
 from typing import Any, ClassVar, Final, Literal, NamedTuple, Self
@@ -366,6 +366,7 @@ class Tracking(Task):
         if self.a is not None:
             object.__setattr__(self, "a", _tuple(finite("a", self.a, np.shape(self.a))))
         if self.axes is not None:
+            check_type("axes", self.axes, Iterable, 'names of rows are needed, such as "xy"')
             object.__setattr__(self, "axes", tuple(self.axes))
         super().__post_init__()
 
