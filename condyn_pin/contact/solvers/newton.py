@@ -27,7 +27,6 @@ from condyn_pin.contact.solvers.contact_solver import (
 )
 from condyn_pin.contact.solvers.lemke import Lemke, refine_polygons
 from condyn_pin.contact.solvers.pgs import PGS, directions, factor_of
-from condyn_pin.contact.solvers.sap import SAP
 
 # Compliance of the first proximal problem, in units of G, what it shrinks by, and its end; how many
 # problems there are at most.
@@ -80,19 +79,16 @@ class SemismoothNewton(ContactSolver):
     -----
     Cost O(m^3) a step, a singular value decomposition. Where it stalls, as with large friction or
     friction that locks bodies (Painlevé), it starts again. In an ncp: from the answer of Lemke's
-    method for polygons, with more corners along the sliding directions each time; from what `PGS`
-    finds, contact by contact; and from a fixed point of ccps, each with the sliding speeds
-    |sigma_t| of the one before in its g. In a ccp: by the proximal point method, with a penalty on
-    the distance from the answer before that falls tenfold each time, and rises tenfold where
-    Newton's method stalls.
+    method for polygons, with more corners along the sliding directions each time, and from what
+    `PGS` finds, contact by contact. In a ccp: by the proximal point method, with a penalty on the
+    distance from the answer before that falls tenfold each time, and rises tenfold where Newton's
+    method stalls.
 
     References
     ----------
     Qi, Sun. A nonsmooth version of Newton's method. Mathematical Programming 58, 1993.
     Alart, Curnier. A mixed formulation for frictional contact problems prone to Newton like
     solution methods. Computer Methods in Applied Mechanics and Engineering 92, 1991.
-    Cadoux. An optimization-based algorithm for Coulomb's frictional contact. ESAIM: Proceedings
-    27, 2009: the fixed point.
     Rockafellar. Monotone operators and the proximal point algorithm. SIAM Journal on Control and
     Optimization 14, 1976.
     """
@@ -161,10 +157,8 @@ def fewer(
 def restarts(
     problem: ContactProblem, found: SolverResult, max_iterations: int, budget: float
 ) -> Iterator[SolverResult]:
-    """Yield the ends of Newton's method from other starts, the cheapest first.
-
-    None of them begins, or goes on, where all together have cost the budget.
-    """
+    """Yield the ends of Newton's method from other starts, the cheapest first."""
+    # None of them begins, or goes on, where all together have cost the budget.
     small, unit = normalised(problem)
     if not np.isfinite(np.concatenate((small.G.ravel(), small.g, small.friction))).all():
         yield SolverResult(np.zeros(problem.rows), 0, ()).after(found)  # nobody answers that
@@ -182,7 +176,7 @@ def restarts(
         yield found
     if infeasible_contacts(problem, _HOPELESS):
         return
-    for method in (_gauss_seidel, _long_directions, _convex_problems):
+    for method in (_gauss_seidel, _long_directions):
         first = method(problem, budget - found.cost)
         if first is None:
             continue
@@ -209,15 +203,6 @@ def _long_directions(problem: ContactProblem, left: float) -> SolverResult | Non
     most = _at_most(FIRST_ORDER * left, min(int(_LONG / problem.rows**2), _LONGEST))
     long = directions(problem, None, tolerance=_NEAR, max_iterations=most, anderson=0)
     return None if long is None else of_first_order(*long, "ADMM for longer")
-
-
-def _convex_problems(problem: ContactProblem, left: float) -> SolverResult | None:
-    """Return the impulses of convex problems with known slips, by Cadoux' iteration."""
-    if problem.law != "ncp":
-        return None
-    small, unit = normalised(problem)
-    end = cadoux(small, left)
-    return end._replace(lam=end.lam * unit)
 
 
 def _at_most(affordable: float, most: int) -> int:
@@ -409,68 +394,6 @@ def _dual_derivative(problem: ContactProblem, S: Array) -> Array:
     return E
 
 
-# Coulomb's law by convex problems, each by proximal points: slow, and right where others stall.
-#
-# With the slips s = |sigma_t| of the answer before in its g, an ncp is a ccp,
-#
-#     sigma_n + mu s >= mu |sigma_t|,    and its answer is that of the ncp where s = |sigma_t|.
-#
-# A ccp whose contacts are redundant and about to slide has flat directions, in which Newton's
-# method stalls. One that costs R/2 |lam - lam_k|^2 more has one minimum, which `SAP` finds from
-# anywhere, and lam_k goes to the answer of the ccp.
-#
-# References
-# ----------
-# Cadoux. An optimization-based algorithm for Coulomb's frictional contact. ESAIM: Proceedings 27,
-# 2009.
-# Rockafellar. Monotone operators and the proximal point algorithm. SIAM Journal on Control and
-# Optimization 14, 1976.
-
-
-# Convex problems, proximal points of each, and steps to a point, at most: boxes on their corners
-# take 70 to 180 steps.
-_CONVEX, _POINTS, _CADOUX_STEPS = 100, 15, 50
-
-# R of the first point, in units of G, what it shrinks by, and its least.
-_CADOUX_SOFTEST, _CADOUX_HARDER, _CADOUX_HARDEST = 1e-3, 0.1, 1e-5
-
-# Natural residuals at which a point, a convex problem, and all of it are solved.
-_POINT, _SOLVED, _ANSWERED = 1e-9, 1e-11, 1e-9
-
-
-def cadoux(problem: ContactProblem, budget: float) -> SolverResult:
-    """Return impulses (m,) of a normalised ncp, for no more than about the budget."""
-    cones = problem.sets.parts[0]
-    slips = np.zeros(len(problem.friction))
-    found = SolverResult(np.zeros(problem.rows), 0, ("convex problems",))
-    for _ in range(_CONVEX):
-        g = problem.g.copy()
-        g[2 : cones.stop : 3] += problem.friction * slips
-        found = _convex(problem.replaced(g=g, law="ccp"), found, budget)
-        if found.cost >= budget or natural_residual(problem, found.lam) <= _ANSWERED:
-            break
-        S = problem.velocities(found.lam)[cones].reshape(-1, 3)
-        slips = np.hypot(S[:, 0], S[:, 1])
-    return found
-
-
-def _convex(problem: ContactProblem, found: SolverResult, budget: float) -> SolverResult:
-    """Return impulses of a normalised ccp from those of the one before."""
-    G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
-    R = _CADOUX_SOFTEST
-    for _ in range(_POINTS):
-        if found.cost >= budget or natural_residual(problem, found.lam) <= _SOLVED:
-            break
-        lam = found.lam
-        centred = problem.replaced(G=G, R=np.full(len(lam), R), g=problem.g - R * lam)
-        # a step with its search costs one ordinary solve, or two
-        end = SAP(_at_most(budget - found.cost, _CADOUX_STEPS)).attempt(centred, lam)
-        solved = natural_residual(centred, end.lam) <= _POINT
-        R = max(R * _CADOUX_HARDER, _CADOUX_HARDEST) if solved else R / _CADOUX_HARDER
-        found = end._replace(lam=end.lam if solved else lam, path=found.path).after(found)
-    return found
-
-
 # Contact problems of some contacts, and of those that go through the answer of these.
 #
 # Of hundreds of points below a plate that is not quite flat, few carry it. Where lam_i = 0 and
@@ -489,17 +412,7 @@ Solve = Callable[[ContactProblem, Array], SolverResult]
 
 
 def solve_active_subset(problem: ContactProblem, solve: Solve) -> Iterator[SolverResult]:
-    """Yield impulses (m,) that those of some contacts are, and what they took.
-
-    None where bodies are not few, by the rank of G.
-
-    Parameters
-    ----------
-    problem : ContactProblem
-        The contact problem.
-    solve : (problem, guess) -> SolverResult
-        What solves the smaller ones.
-    """
+    """Yield impulses (m,) of some contacts alone, by `solve`; none if bodies are many."""
     normals, (_, speed) = problem.sets.normals, problem.scale
     count, lam = len(normals), np.zeros(problem.rows)
     asked = np.arange(len(problem.names)) >= count  # dry friction always
@@ -548,14 +461,8 @@ _APART: Final = 1e-3
 
 
 def sticking(problem: ContactProblem) -> Array | None:
-    """Return the impulses (m,) if no contact slides; None where there are none.
-
-    They are not proved: a contact may pull, or slide.
-
-    Notes
-    -----
-    Cost O(m^3), a Cholesky factorisation; 6 us for four contacts.
-    """
+    """Return the impulses (m,) if no contact slides, not proved: a contact may pull, or slide."""
+    # O(m^3), a Cholesky factorisation; 6 us for four contacts.
     g, (_, lines, _) = problem.g.tolist(), problem.sets.parts
     closing = [speed < 0 for speed in g[2 : lines.start : 3] + g[lines]]
     closing += len(problem.limits) * [True]
