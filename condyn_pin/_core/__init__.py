@@ -16,17 +16,9 @@ from warnings import warn
 def forward(
     room: str, public: Callable[[str], Any], renamed: Mapping[str, str]
 ) -> Callable[[str], Any]:
-    """`__getattr__` of a room whose names of the last version are `renamed`; they go with the next.
-
-    Parameters
-    ----------
-    room : str
-        Its ``__name__``.
-    public : callable
-        What finds its names of today.
-    renamed : dict of str to str
-        From the old name to ``room.name`` of today.
-    """
+    """`__getattr__` of a room with names of the last version, `renamed`; they go with the next."""
+    # `room` is its ``__name__``, `public` finds its names of today; `renamed` maps old names to
+    # ``room.name`` of today.
 
     def find(name: str) -> Any:
         if not (now := renamed.get(name)):

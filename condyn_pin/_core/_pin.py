@@ -161,10 +161,8 @@ def factorise_constraints(
 
 
 def placement_view(placement: Any) -> NDArray[np.float64]:
-    """Matrix [R p] (3, 4) of a pin.SE3, as a view into its memory.
-
-    p lies behind R there, in every Pinocchio that is supported.
-    """
+    """Matrix [R p] (3, 4) of a pin.SE3, as a view into its memory."""
+    # p lies behind R there, in every Pinocchio that is supported.
     R, p = placement.rotation, placement.translation
     if p.ctypes.data - R.ctypes.data != R.nbytes or R.strides != (8, 24):
         raise RuntimeError(f"Pinocchio {pin.__version__} has another SE3 in memory than [R p]")
@@ -288,10 +286,8 @@ def admm(
     anderson: int,
     guess: Array | None,
 ) -> Conic:
-    """Contact forces by Pinocchio's ADMM: rows of cones (t1, t2, n), then of intervals.
-
-    Pinocchio 3 has no Anderson acceleration.
-    """
+    """Contact forces by Pinocchio's ADMM: rows of cones (t1, t2, n), then of intervals."""
+    # Pinocchio 3 has no Anderson acceleration.
     if not _IS_4:
         solver = pin.ADMMContactSolver(len(g))
         _set_precision(solver, tolerance, max_iterations)

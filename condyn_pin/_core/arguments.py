@@ -59,29 +59,20 @@ _UNIT_PARTS = {
 
 
 class Arguments:
-    """The check of (q, v, tau) for one model.
-
-    Attributes
-    ----------
-    quaternions : tuple of int
-        Where q holds quaternions [bytes from its start].
-    pairs : tuple of slice
-        Where q holds (cos, sin).
-    units : tuple of slice
-        Where q holds either.
-    roots : tuple of int
-        Where v begins for each joint on the world: what is not finite in the input shows there.
-    """
+    """The check of (q, v, tau) for one model."""
 
     def __init__(self, model: Any) -> None:
         self._model = model
         self._shapes = ((model.nq,), (model.nv,), (model.nv,))
-        self.units = _unit_parts(model)
+        self.units = _unit_parts(model)  # where q holds either
+        # where q holds quaternions [bytes from its start]
         self.quaternions = tuple(
             FLOAT.itemsize * part.start for part in self.units if part.stop - part.start == 4
         )
+        # where q holds (cos, sin)
         self.pairs = tuple(part for part in self.units if part.stop - part.start == 2)
         on_world = [*zip(model.idx_vs, model.parents, strict=True)][1:]  # but for the world itself
+        # where v begins for each joint on the world: what is not finite in the input shows there
         self.roots = tuple(int(v) for v, parent in on_world if parent == 0 and v >= 0)
 
     def check_pairs(self, q: Array) -> None:
@@ -92,11 +83,9 @@ class Arguments:
                 raise ValueError
 
     def accept(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> State:
-        """Return the arguments as float arrays of the right size, or raise InvalidArgument.
-
-        Arrays that are right already pass in half a microsecond, without a look at their
-        finiteness: what is not finite shows in the answer, and `check` then finds it.
-        """
+        """Return the arguments as float arrays of the right size, or raise InvalidArgument."""
+        # Arrays that are right already pass in half a microsecond, without a look at their
+        # finiteness: what is not finite shows in the answer, and `check` then finds it.
         if (
             type(q) is np.ndarray
             and type(v) is np.ndarray
@@ -115,23 +104,15 @@ class Arguments:
         return self.check(q, v, tau)
 
     def check(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> State:
-        """Return the arguments converted, after looking at every number of them.
-
-        Raises
-        ------
-        InvalidArgument
-            Naming the argument, the entry and its value, and what would do.
-        """
+        """Return the arguments converted; InvalidArgument names entry, value and cure."""
         (nq,), (nv,), _ = self._shapes
         q_ = finite("q", q, nq)
         self._check_units("q", q_)
         return q_, finite("v", v, nv), joint_torques("tau", tau, nv)
 
     def configuration(self, name: str, q: ArrayLike) -> Array:
-        """Configuration q (nq,) of a user's state, normalised to rounding.
-
-        InvalidArgument if its quaternions are further from norm 1 than `check` allows.
-        """
+        """Configuration q (nq,) of a user's state, normalised to rounding."""
+        # InvalidArgument if its quaternions are further from norm 1 than `check` allows.
         array = np.array(finite(name, q, self._model.nq))
         if pin.isNormalized(self._model, array, NORMALISED):
             return array
@@ -167,11 +148,9 @@ def is_none(tau: object) -> bool:
 
 
 def normalised(model: Any, name: str, q: ArrayLike) -> Array:
-    """Configuration of a user, a guess or a posture, its quaternions normalised.
-
-    One that is normalised already is returned as it is, digit by digit: pin.normalize would move
-    the last bits of it again and again.
-    """
+    """Configuration of a user, a guess or a posture, its quaternions normalised."""
+    # One that is normalised already is returned as it is, digit by digit: pin.normalize would move
+    # the last bits of it again and again.
     array = np.array(finite(name, q, model.nq))
     if pin.isNormalized(model, array, NORMALISED):
         return array
@@ -351,16 +330,7 @@ def step_size(dt: float) -> float:
 
 
 def check_called(name: str, function: object, words: str) -> None:
-    """Raise InvalidArgument unless a value can be called with these arguments.
-
-    Parameters
-    ----------
-    name : str
-        What errors call it.
-    function : callable
-    words : str
-        The arguments as one would write them: ``t, q, v``.
-    """
+    """Raise InvalidArgument unless a value can be called with arguments, `words` "t, q, v"."""
     if not callable(function):
         raise InvalidArgument(f"{name} = {text_of(function)}: a function of ({words}) is needed")
     try:
@@ -388,13 +358,7 @@ class Call(NamedTuple):
     parameters: dict[str, Any]
 
     def made(self, kinds: Mapping[str, Callable[..., Any]]) -> Any:
-        """Return the value, of classes by their names in small letters.
-
-        Raises
-        ------
-        KeyError
-            If there is no class of a name.
-        """
+        """Return the value, of classes by their names in small letters, or KeyError."""
         return kinds[self.name.lower()](**self.parameters_made(kinds))
 
     def parameters_made(self, kinds: Mapping[str, Callable[..., Any]]) -> dict[str, Any]:
@@ -404,15 +368,8 @@ class Call(NamedTuple):
 
 
 def read_call(text: str) -> Call:
-    """Parse a call, ``Name(parameter=value)``, or a bare name.
-
-    A value is plain, or again a call: ``Moreau(contact=ADMM(tolerance=1e-06))``.
-
-    Raises
-    ------
-    ValueError
-        If it is neither.
-    """
+    """Parse a call, ``Name(parameter=value)``, or a bare name; ValueError if it is neither."""
+    # A value is plain, or again a call: ``Moreau(contact=ADMM(tolerance=1e-06))``.
     if len(text) > _LONGEST_CALL:
         raise ValueError("a text of this length")
     try:

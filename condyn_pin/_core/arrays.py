@@ -74,10 +74,8 @@ def check_overflow(name: str, value: Array, *results: Array) -> None:
 
 
 def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
-    """Float array of a user's numbers, checked for size and finiteness.
-
-    The text names the argument, the entry and its value, and what would do.
-    """
+    """Float array of a user's numbers, checked for size and finiteness."""
+    # The text names the argument, the entry and its value, and what would do.
     wanted = (shape,) if isinstance(shape, int) else shape
     if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == wanted:
         plain: Array = value

@@ -78,10 +78,8 @@ one_blas_thread = _OneThread()
 
 @cache
 def decided() -> str:
-    """User's setting of the BLAS threads, such as ``OMP_NUM_THREADS=4``, or empty.
-
-    The command line reads it first, and sets it then.
-    """
+    """User's setting of the BLAS threads, such as ``OMP_NUM_THREADS=4``, or empty."""
+    # The command line reads it first, and sets it then.
     return _set_to()
 
 

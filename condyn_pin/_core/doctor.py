@@ -37,30 +37,15 @@ _WATCHED = (
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """Diagnosis of the installation by `condyn doctor`.
+    """Diagnosis of the installation by `condyn doctor`."""
 
-    Attributes
-    ----------
-    platform : str
-        Python version and machine.
-    versions : dict
-        Distribution name to installed version, for what matters here; missing ones are left out.
-    imports : bool
-        Whether `import pinocchio` works in a fresh interpreter.
-    features : dict
-        Feature name to a sentence; empty when Pinocchio does not import.
-    findings : tuple of str
-        What is wrong, one sentence each.
-    remedy : str
-        The command that repairs it; empty when nothing is wrong.
-    """
-
-    platform: str
+    platform: str  # Python version and machine
+    # distribution name to installed version, for what matters here; missing ones are left out
     versions: dict[str, str]
-    imports: bool
-    features: dict[str, str]
-    findings: tuple[str, ...]
-    remedy: str
+    imports: bool  # whether `import pinocchio` works in a fresh interpreter
+    features: dict[str, str]  # feature name to a sentence; empty when Pinocchio does not import
+    findings: tuple[str, ...]  # what is wrong, one sentence each
+    remedy: str  # the command that repairs it; empty when nothing is wrong
 
 
 def installed_version(distribution: str) -> str | None:

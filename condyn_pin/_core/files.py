@@ -38,16 +38,9 @@ _MARK = ".condyn-"  # of all files that are being written
 
 @contextmanager
 def atomic_write(path: str | PathLike[str]) -> Iterator[Path]:
-    """Yield the path of a temporary file in the same folder, renamed to `path` at the end.
-
-    A file that was there keeps its permissions, a link stays a link. What is no file, such as
-    /dev/stdout, is written to as it is.
-
-    Raises
-    ------
-    InvalidArgument
-        If it cannot be written; then what was there is as it was.
-    """
+    """Yield the path of a temporary file in the same folder, renamed to `path` at the end."""
+    # A file that was there keeps its permissions, a link stays a link. What is no file, such as
+    # /dev/stdout, is written to as it is. InvalidArgument if that fails: then all is as it was.
     target = _target(path)
     try:
         if target.exists() and not target.is_file() and not target.is_dir():
@@ -105,10 +98,8 @@ def _target(path: str | PathLike[str]) -> Path:
 
 
 def _new_file(target: Path, suffix: str) -> tuple[Path, int | None]:
-    """Return an empty file beside another one, and its lock, which `_release` gives back.
-
-    With the permissions that the other one has or gets.
-    """
+    """Return an empty file beside another one, and its lock, which `_release` gives back."""
+    # With the permissions that the other one has or gets.
     if target.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     mode = None
@@ -186,16 +177,9 @@ def write_npz(path: str | PathLike[str], arrays: Mapping[str, NDArray[Any]]) -> 
 
 
 def read_npz(path: str | PathLike[str], wanted: Callable[[str], bool]) -> Arrays:
-    """Arrays of an npz file, those of the wanted names.
-
-    Raises
-    ------
-    OSError
-        If there is no file.
-    ValueError
-        If its arrays take more memory than a file of its size is good for, or are none. What the
-        format of zip has beside this is raised as zipfile raises it.
-    """
+    """Arrays of an npz file, those of the wanted names."""
+    # ValueError if they take more memory than a file of its size is good for, or are none; OSError
+    # without a file. What the format of zip has beside this is raised as zipfile raises it.
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):
         raise ValueError("it is not a file")

@@ -54,11 +54,9 @@ def lengths(joint: Any) -> tuple[bool, ...]:
 
 
 def difference(model: Any, q0: NDArray[np.float64], q1: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the tangent step (nv,) from q0 to q1, also where it is small.
-
-    `pin.difference` takes a plane turn for none where rounding leaves its 2 cos above 2: of those
-    below 1e-8 rad some are lost, and of those between numbers off unit length larger ones.
-    """
+    """Return the tangent step (nv,) from q0 to q1, also where it is small."""
+    # `pin.difference` takes a plane turn for none where rounding leaves its 2 cos above 2: of those
+    # below 1e-8 rad some are lost, and of those between numbers off unit length larger ones.
     step = np.array(pin.difference(model, q0, q1))
     for joint in model.joints:
         if joint.shortname().startswith(_PAIRS):
@@ -76,12 +74,10 @@ def unbounded(model: Any) -> tuple[int, ...]:
 
 
 def joints_with_turning_axes(model: Any) -> tuple[int, ...]:
-    """Joints whose axes turn with their own q: S(q) is not constant in the body's axes.
-
-    Pinocchio's derivatives, and its Coriolis matrix, take S for one. S is looked at itself, at a
-    few configurations, so that no list of kinds has to be complete. A joint of one coordinate is a
-    screw, whose axis stays.
-    """
+    """Joints whose axes turn with their own q: S(q) is not constant in the body's axes."""
+    # Pinocchio's derivatives, and its Coriolis matrix, take S for one. S is looked at itself, at a
+    # few configurations, so that no list of kinds has to be complete. A joint of one coordinate is
+    # a screw, whose axis stays.
     still, numbers = pin.neutral(model), np.arange(model.nv)
     steps = (size * np.sin(start + 1.7 * numbers) for size, start in _LOOKS)
     looks = [pin.integrate(model, still, step) for step in steps]

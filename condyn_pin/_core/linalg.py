@@ -41,27 +41,14 @@ _NONE, _EMPTY = np.zeros(0), np.zeros((0, 0))
 
 
 class MinimumNorm(NamedTuple):
-    """Factors of one M and J for minimum-norm constraint forces.
+    """Factors of one M and J for minimum-norm constraint forces."""
 
-    Attributes
-    ----------
-    mass : MassFactor
-        M = L L^T.
-    U : (m, m) array
-        Left singular vectors of Jw; the columns from `rank` on span the redundancy of the rows.
-    S : (min(m, nv),) array
-        Singular values of Jw, all of them.
-    V : (nv, rank) array
-        Right singular vectors that belong to nonzero singular values.
-    rank : int
-        Number of singular values above the tolerance.
-    """
-
-    mass: MassFactor
+    mass: MassFactor  # M = L L^T
+    # (m, m) left singular vectors of Jw; the columns from `rank` on span the redundancy of the rows
     U: Array
-    S: Array
-    V: Array
-    rank: int
+    S: Array  # (min(m, nv),) singular values of Jw, all of them
+    V: Array  # (nv, rank) right singular vectors that belong to nonzero singular values
+    rank: int  # number of singular values above the tolerance
 
     @property
     def L(self) -> Array:
@@ -103,10 +90,8 @@ class MinimumNorm(NamedTuple):
         return np.asarray(np.linalg.norm((along @ self.U[:, : self.rank].T) * s, axis=1))
 
     def pushed(self, r: Array) -> Array:
-        """Largest change of a (nv,) by errors r (nv,) of the torques, all positive.
-
-        |L^-T (1 - V V^T) L^-1| r: bodies that do not touch do not move each other.
-        """
+        """Largest change of a (nv,) by errors r (nv,) of the torques, all positive."""
+        # |L^-T (1 - V V^T) L^-1| r: bodies that do not touch do not move each other.
         whitened = self.mass.L_inv
         free = whitened - self.V @ (self.V.T @ whitened)
         return np.asarray(np.abs(whitened.T @ free) @ r)
@@ -156,21 +141,9 @@ def factorise(
     *,
     why: Callable[[], str] = str,
 ) -> MinimumNorm:
-    """Factorise M and J.
-
-    Parameters
-    ----------
-    M, J : (nv, nv), (m, nv) array
-    rank_tolerance, least : float
-        Singular values of J L^-T count above a share of the largest, and above `least`.
-    why : callable, optional
-        Says why M is not positive definite; a text that may be empty.
-
-    Raises
-    ------
-    InvalidModel
-        If M is not positive definite, or J not finite.
-    """
+    """Factorise M (nv, nv) and J (m, nv); InvalidModel if M is not definite, or J not finite."""
+    # Singular values of J L^-T count above a share `rank_tolerance` of the largest, and above
+    # `least`. `why` says why M is not positive definite; a text that may be empty.
     return factorise_rows(factorise_mass(M, why=why), J, rank_tolerance, least)
 
 
@@ -191,12 +164,9 @@ def factorise_rows(
 
 
 def least_change(mass: MassFactor, J: Array, s: Array, rank_tolerance: float) -> Array:
-    """Smallest d (nv,), in the metric of M, with J d = s; for consistent rows.
-
-    L^T d = Q R^-T s    with    J L^-T = R^T Q^T, the rows pivoted, as many as are independent
-
-    A third of the time of `factorise` and its `solve`: pivots say the rank, no singular values.
-    """
+    """Smallest d (nv,), in the metric of M, with J d = s; for consistent rows."""
+    # L^T d = Q R^-T s    with    J L^-T = R^T Q^T, the rows pivoted, as many as are independent
+    # A third of the time of `factorise` and its `solve`: pivots say the rank, no singular values.
     routines = lapack()
     Jw = routines.dtrtrs(mass.L.T, J.T, trans=1)[0]
     packed, pivots, tau, _, _ = routines.dgeqp3(Jw)
@@ -224,14 +194,8 @@ _PREFERENCE = 1e3  # of redundant rows that are named before those that are not
 
 
 def pivots(A: Array, least: float) -> tuple[list[int], Array]:
-    """Return columns of A (m, n) that are independent, and an orthonormal basis (m, r) of them.
-
-    Parameters
-    ----------
-    A : (m, n) array
-    least : float
-        Norm of what others leave of a column that counts as nothing.
-    """
+    """Return columns of A (m, n) that are independent, and an orthonormal basis (m, r) of them."""
+    # `least` is the norm of what others leave of a column that counts as nothing.
     chosen: list[int] = []
     left, basis = A.copy(), np.zeros((len(A), 0))
     while len(chosen) < min(A.shape):
@@ -257,12 +221,10 @@ def first_of_largest(sizes: Array) -> int:
 def redundant_rows(
     null_space: Array, names: Sequence[str], first: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Names of rows that can be dropped without lowering the rank.
-
-    A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
-    regular: pivots of N^T are such a set, the best conditioned first; those named in `first` before
-    others, if they can go. Among equals the later rows go.
-    """
+    """Names of rows that can be dropped without lowering the rank."""
+    # A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
+    # regular: pivots of N^T are such a set, the best conditioned first; those named in `first`
+    # before others, if they can go. Among equals the later rows go.
     weights = np.where(np.isin(names, first), _PREFERENCE, 1.0)[:, None]
     order, _ = pivots((weights * null_space)[::-1].T, 0.0)
     return tuple(names[i] for i in sorted(len(names) - 1 - np.array(order, dtype=np.int_)))
@@ -297,21 +259,11 @@ def null_space(A: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class RangeSpace:
-    """Factors of one M and J with independent rows, or with rows that are damped.
+    """Factors of one M and J with independent rows, or with rows that are damped."""
 
-    Attributes
-    ----------
-    U : (nv, nv) array
-        Upper Cholesky factor of M; what is below its diagonal means nothing.
-    W : (nv, m) array
-        U^-T J^T.
-    C : (m, m) array
-        Upper Cholesky factor of G + diag(R).
-    """
-
-    U: Array
-    W: Array
-    C: Array
+    U: Array  # (nv, nv) upper Cholesky factor of M; what is below its diagonal means nothing
+    W: Array  # (nv, m) U^-T J^T
+    C: Array  # (m, m) upper Cholesky factor of G + diag(R)
 
     def solve(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return (a, lam) for one or many right-hand sides x (nv, k), y (m, k)."""
@@ -326,10 +278,8 @@ class RangeSpace:
 
 
 def range_space(M: Array, J: Array, mu: float = 0.0) -> RangeSpace | None:
-    """Factorise M and J; None if M is not positive definite or the rows are not independent.
-
-    With mu > 0 [1/kg] the rows may be anything: G + mu I takes the place of G.
-    """
+    """Factorise M and J; None if M is not positive definite or the rows are not independent."""
+    # With mu > 0 [1/kg] the rows may be anything: G + mu I takes the place of G.
     if mu:
         return damped_range_space(M, J, mu)
     # imported here: scipy.linalg takes as long to import as Pinocchio
@@ -348,10 +298,8 @@ def range_space(M: Array, J: Array, mu: float = 0.0) -> RangeSpace | None:
 
 
 def damped_range_space(M: Array, J: Array, R: float | Array) -> RangeSpace | None:
-    """Factorise M and J with G + diag(R), R (m,) or the same for all rows [1/kg].
-
-    None if M or G + diag(R) is not positive definite.
-    """
+    """Factorise M and J with G + diag(R), R (m,) or the same for all rows [1/kg]."""
+    # None if M or G + diag(R) is not positive definite.
     from scipy.linalg.lapack import dpotrf
 
     whitened = whiten(M, J)
@@ -405,21 +353,11 @@ _BLOCK: Final = 32
 
 
 class ConstraintBasis(NamedTuple):
-    """Basis of constrained and free motions of one M and J.
+    """Basis of constrained and free motions of one M and J."""
 
-    Attributes
-    ----------
-    B : (nv, nv) array
-        Motions, one a row: first those that are held.
-    K : (m, rank) array
-        Forces that push against one of these each.
-    N : (m, m - rank) array
-        Orthonormal forces that redundant rows carry among themselves.
-    """
-
-    B: Array
-    K: Array
-    N: Array
+    B: Array  # (nv, nv) motions, one a row: first those that are held
+    K: Array  # (m, rank) forces that push against one of these each
+    N: Array  # (m, m - rank) orthonormal forces that redundant rows carry among themselves
 
     def solve(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return (a, lam) for one or many right-hand sides x (nv, k), y (m, k)."""
@@ -457,11 +395,9 @@ class ConstraintBasis(NamedTuple):
 
 
 def held_and_free(L_inv: Array, J: Array, share: float, most: int | None = None) -> ConstraintBasis:
-    """Return the constrained and the free motions of M = L L^T and J (m, nv).
-
-    Rows count as independent whose part of J L^-T is more than a share of the largest, and no more
-    of them than `most`.
-    """
+    """Return the constrained and the free motions of M = L L^T and J (m, nv)."""
+    # Rows count as independent whose part of J L^-T is more than a share of the largest, and no
+    # more of them than `most`.
     m, n = J.shape
     if not m:
         return _all_free(L_inv, m)
@@ -501,17 +437,10 @@ _NOT_POSITIVE: Final = "the mass matrix is not positive definite at this q"
 
 @dataclass(eq=False)
 class MassFactor:
-    """Factors of one mass matrix.
+    """Factors of one mass matrix."""
 
-    Attributes
-    ----------
-    M : (nv, nv) array
-    L : (nv, nv) array
-        Its lower Cholesky factor.
-    """
-
-    M: Array
-    L: Array
+    M: Array  # (nv, nv)
+    L: Array  # (nv, nv) its lower Cholesky factor
 
     @cached_property
     def L_inv(self) -> Array:
@@ -551,13 +480,7 @@ class MassFactor:
 
 
 def factorise_mass(M: Array, *, why: Callable[[], str] = str) -> MassFactor:
-    """Factorise M (nv, nv); `why` returns the reason for M not being positive definite, or nothing.
-
-    Raises
-    ------
-    InvalidModel
-        If M is not positive definite.
-    """
+    """Factorise M (nv, nv), or raise InvalidModel; `why` says why M is not positive definite."""
     upper, info = lapack().dpotrf(M.T)  # what is below the diagonal, as in np.linalg.cholesky
     if info:
         raise InvalidModel(why() or _NOT_POSITIVE)
@@ -565,13 +488,7 @@ def factorise_mass(M: Array, *, why: Callable[[], str] = str) -> MassFactor:
 
 
 def inverse_factor(M: Array) -> Array:
-    """Inverse Cholesky factor L^-1 (nv, nv) of M = L L^T.
-
-    Raises
-    ------
-    InvalidModel
-        If M is not positive definite.
-    """
+    """Inverse Cholesky factor L^-1 (nv, nv) of M = L L^T; InvalidModel if there is none."""
     of = lapack()
     upper, info = of.dpotrf(M.T)
     if info:
@@ -637,21 +554,8 @@ def exact_product(x: Array, y: Array) -> tuple[Array, Array]:
 
 
 def exact_residual(A: Array, b: Sequence[Array], x: tuple[Array, Array]) -> Array:
-    """Return sum(b) - A (x[0] + x[1]), rounded once.
-
-    Parameters
-    ----------
-    A : (k, k) array
-    b : sequence of (k,) array
-        The right-hand side as a sum, so that forming it costs no digits.
-    x : pair of (k,) array
-        The unknown as a sum of two doubles, the second the smaller.
-
-    Returns
-    -------
-    (k,) array
-        NaN in rows whose sum is not finite.
-    """
+    """Return sum(b) - A (x[0] + x[1]) (k,), rounded once; NaN in rows whose sum is not finite."""
+    # Both are sums, so that forming them costs no digits; x[1] is the smaller part of the unknown.
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows becomes NaN in its row
         p, e = exact_product(A, x[0])
         rows = np.column_stack([*b, -p, -e, -A * x[1]])

@@ -60,16 +60,11 @@ class Verb(ABC):
     """Work on the rows of a batch, by Python and by the compiled core; it pickles.
 
     Inputs with two axes have one row per state; with one, they are the same for all.
-
-    Attributes
-    ----------
-    most : int
-        Rows that a worker is handed at a time, at most: a tenth of a second of work, or less.
-    most_of_core : int
-        Rows that a thread of the compiled core is handed at a time in this process.
     """
 
+    # rows that a worker is handed at a time, at most: a tenth of a second of work, or less
     most: int = 1000
+    # rows that a thread of the compiled core is handed at a time in this process
     most_of_core: int = 2000
 
     @abstractmethod
@@ -80,10 +75,8 @@ class Verb(ABC):
     def core(
         self, workspace: Any, inputs: Arrays, outputs: Arrays, threads: int
     ) -> tuple[NDArray[np.intp], Messages]:
-        """Fill the outputs of many rows by the compiled core.
-
-        Return the rows that are left to Python, and what there is to say of others.
-        """
+        """Fill the outputs of many rows by the compiled core."""
+        # Return the rows that are left to Python, and what there is to say of others.
 
     @abstractmethod
     def why_not(self, workspace: Any) -> Iterator[str]:
@@ -122,30 +115,13 @@ def run(
     verb: Verb, recipe: Recipe, inputs: Arrays, kinds: Kinds, batch: Callable[[Arrays], SomeBatch],
     *, executor: Executor | Native | None, chunk: int | None, progress: Progress,
 ) -> SomeBatch:  # fmt: skip
-    """Return the `batch` that is made of the outputs of a verb, one row per state.
-
-    Parameters
-    ----------
-    verb, recipe
-        The work, and the source of its workspace.
-    inputs : dict of arrays
-        The first one has a row per state.
-    kinds : mapping
-        Shape and type of a row of each output. One is ``statuses``: MISSING where nobody has worked
-        on a row, and its floats are NaN. ``words`` is what the verb has said of each.
-    batch : callable
-        Makes the value of the outputs.
-    executor, chunk, progress
-        As the user gave them: this process by default, and a sixteenth of what is left, up to
-        ``verb.most`` rows.
-
-    Raises
-    ------
-    UnsupportedBackend, MissingExtra
-        If the core is asked for, and cannot do the work or is not installed.
-    WorkersLost, Interrupted
-        With the batch of what was worked on, as `done` and `table`.
-    """
+    """Return the `batch` that is made of the outputs of a verb, one row per state."""
+    # The first of the `inputs` has a row per state. `kinds` are shape and type of a row of each
+    # output. One is ``statuses``: MISSING where nobody has worked on a row, and its floats are NaN.
+    # ``words`` is what the verb has said of each. `executor`, `chunk` and `progress` are as the
+    # user gave them: this process by default, and a sixteenth of what is left, up to ``verb.most``
+    # rows. UnsupportedBackend or MissingExtra where the core cannot do the work; WorkersLost or
+    # Interrupted with the batch of what was worked on, as `done` and `table`.
     kernel: Kernel = verb
     if isinstance(executor, Native):
         kernel, executor, chunk = _by_core(executor, verb, chunk, recipe)

@@ -171,11 +171,9 @@ _TEXT: Final = 20  # a cell that is longer is a text, and may be folded
 
 
 def print_whole(table: Table, console: Console) -> None:
-    """Print a table without cut cells; wide tables have long lines.
-
-    On a terminal that is too narrow, the frame is left out, and headings and texts are folded:
-    numbers are never broken.
-    """
+    """Print a table without cut cells; wide tables have long lines."""
+    # On a terminal that is too narrow, the frame is left out, and headings and texts are folded:
+    # numbers are never broken.
     options = console.options.update(max_width=_ALL_COLUMNS)
     least, most = console.measure(table, options=options)
     if console.is_terminal and most > console.width:
@@ -233,19 +231,8 @@ def axes(ax: Any) -> Any:
 def panels(
     count: int, *, width: float, height: float, columns: int, above: float = 0.0
 ) -> tuple[Any, list[Any]]:
-    """Return a figure for a file, and the axes of its panels, those that are left over blank.
-
-    Parameters
-    ----------
-    count : int
-        Panels that are needed.
-    width, height : float
-        Of one panel [inch].
-    columns : int
-        Panels side by side, at most.
-    above : float, optional
-        Room for a legend above them all [inch].
-    """
+    """Return a figure for a file, and the axes of its panels, those that are left over blank."""
+    # `width` and `height` are those of one panel, `above` is room for a legend [inch].
     require_matplotlib()
     from matplotlib.figure import Figure  # a figure of its own leaves the user's backend alone
 
@@ -300,11 +287,9 @@ def line(i: int) -> dict[str, Any]:
 
 
 def labelled_axes(ax: Any, *, title: str, x: str, y: str) -> Any:
-    """Return axes with their words, a pale grid, and a legend if anything has a label.
-
-    Of axes above one another that share x, the first has the title, the last the words of x, and
-    a legend stands only once.
-    """
+    """Return axes with their words, a pale grid, and a legend if anything has a label."""
+    # Of axes above one another that share x, the first has the title, the last the words of x, and
+    # a legend stands only once.
     place = ax.get_subplotspec()
     beside = [each for each in ax.get_shared_x_axes().get_siblings(ax) if each is not ax]
     if place is not None and beside:

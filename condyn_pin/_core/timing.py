@@ -60,27 +60,9 @@ def interleaved(
     enough: float = inf,
     tick: Callable[[], None] = lambda: None,
 ) -> dict[_Key, Times]:
-    """Time callables on the same states, round by round.
-
-    Parameters
-    ----------
-    calls : mapping of keys to callable
-        Each is called with (q, v, tau).
-    states : sequence of (q, v, tau)
-        Round r uses state r modulo their number.
-    rounds, repeats : int
-        Samples of each callable, and calls in a sample.
-    enough : float
-        What a sample need not last longer than [s]: a slow callable makes fewer calls in it, down
-        to one.
-    tick : callable
-        Called after each round, for a progress bar.
-
-    Returns
-    -------
-    dict of keys to Times
-        Empty if there is nothing to call.
-    """
+    """Time callables on the same states, one a round, each in turn."""
+    # A sample is `repeats` calls, or fewer of a slow callable, down to one, once it has lasted
+    # `enough` [s]. `tick` is called after each round, for a progress bar.
     names = list(calls)
     if not names:
         return {}

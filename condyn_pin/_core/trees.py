@@ -28,24 +28,12 @@ _SMALL: Final = 2**25
 
 
 def data_of(model: Any) -> Any:
-    """Memory for Pinocchio's algorithms, a pin.Data or a `Forest`; see `algorithms`.
-
-    Raises
-    ------
-    InvalidModel
-        If this machine has not enough memory for it.
-    """
+    """Memory for Pinocchio's algorithms, a pin.Data or a `Forest`, or InvalidModel."""
     return Forest(model) if is_forest(model) else whole_data(model)
 
 
 def whole_data(model: Any) -> Any:
-    """`pin.Data` of a model; refused before its memory is allocated.
-
-    Raises
-    ------
-    InvalidModel
-        If this machine has not enough memory for it.
-    """
+    """`pin.Data` of a model; InvalidModel, before it is allocated, if memory is not enough."""
     needed = tensors_of(model)
     try:
         if needed > _SMALL and needed > available_memory():
@@ -110,10 +98,8 @@ class Tree(NamedTuple):
 
 
 def trees_of(model: Any) -> Iterator[Tree]:
-    """Yield the trees of a model with contiguous joints, without armature.
-
-    That is what steps change in a model, so that the model at hand has it.
-    """
+    """Yield the trees of a model with contiguous joints, without armature."""
+    # That is what steps change in a model, so that the model at hand has it.
     roots = [*_roots(model), model.njoints]
     first = 1
     while first < model.njoints:
@@ -134,22 +120,12 @@ def trees_of(model: Any) -> Iterator[Tree]:
 
 
 class Forest:
-    """Memory of each tree of a model, and Pinocchio's algorithms on all of them.
-
-    Attributes
-    ----------
-    oMi : pin.StdVec_SE3
-        Placements of all joints in the world.
-    v, a : sequence of pin.Motion
-        Of all joints, in their axes.
-    J : (6, nv) array
-        Of all joints, in the axes of the world and at its origin.
-    """
+    """Memory of each tree of a model, and Pinocchio's algorithms on all of them."""
 
     def __init__(self, model: Any) -> None:
         self._nv, self._shapes = model.nv, ((model.nq,), (model.nv,))
         self._trees = list(trees_of(model))
-        self.oMi = pin.StdVec_SE3()
+        self.oMi = pin.StdVec_SE3()  # placements of all joints in the world
         for _ in range(model.njoints):
             self.oMi.append(pin.SE3.Identity())
         placed = placements_view(self.oMi, 0, model.njoints)
@@ -158,7 +134,9 @@ class Forest:
              placements_view(tree.data.oMi, 1, tree.model.njoints - 1))
             for tree in self._trees
         ]  # fmt: skip
+        # v, a: of all joints, in their axes
         self.v, self.a = (_JointQuantity(self._trees, name) for name in "va")
+        # (6, nv) of all joints, in the axes of the world and at its origin
         self.J = np.zeros((6, model.nv), order="F")
 
     def is_sound(self) -> bool:
@@ -246,10 +224,8 @@ class Forest:
         return np.concatenate(self._each(algorithm, *arguments))
 
     def _each(self, algorithm: Callable[..., Any], *arguments: Any) -> list[Any]:
-        """Results of an algorithm for each tree; the first argument is q.
-
-        ValueError of arrays of another size, as Pinocchio has it.
-        """
+        """Results of an algorithm for each tree; the first argument is q."""
+        # ValueError of arrays of another size, as Pinocchio has it.
         for i, argument in enumerate(arguments):
             if isinstance(argument, np.ndarray) and argument.shape != self._shapes[i > 0]:
                 raise ValueError(f"an array has shape {argument.shape}")

@@ -111,11 +111,9 @@ def in_flight(
     executor: Executor | None,
     places: int = IN_FLIGHT,
 ) -> Generator[tuple[int, Result], None, None]:
-    """Yield as `map_chunks` does; `send` makes each chunk when it is submitted.
-
-    No more than so many `places` are in flight, and a chunk keeps its place to itself until the
-    result that was yielded for it is asked to be followed by the next.
-    """
+    """Yield as `map_chunks` does; `send` makes each chunk when it is submitted."""
+    # No more than so many `places` are in flight, and a chunk keeps its place to itself until the
+    # result that was yielded for it is asked to be followed by the next.
     if not isinstance(executor, Executor | None):
         raise InvalidArgument(
             f"executor = {executor!r}: a concurrent.futures.Executor is needed, such as "
@@ -410,10 +408,8 @@ class Address:
     kinds: Kinds = field(compare=False)
 
     def open(self) -> Arrays:
-        """Return the arrays by name, for reading and writing.
-
-        FileNotFoundError if they are gone: the caller no longer waits for the work.
-        """
+        """Return the arrays by name, for reading and writing."""
+        # FileNotFoundError if they are gone: the caller no longer waits for the work.
         with Path(self.path).open("r+b") as file:
             if os.fstat(file.fileno()).st_ino != self.inode:
                 raise FileNotFoundError(f"{self.path}: it is another file by now")
