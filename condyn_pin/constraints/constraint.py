@@ -518,11 +518,10 @@ class BetweenFrames(Constraint, ABC):
 
 
 def lever(machine: Machine, *placements: Any) -> float:
-    """Size of the bodies that meet [m], as the distance between two points on them.
-
-    A short lever turns rounding of the points into moments: 1/lever^2 enters the condition. A frame
-    near the middle of its joint says nothing about the size; then it is that of the robot's links.
-    """
+    """Size of the bodies that meet [m], as the distance between two points on them."""
+    # A short lever turns rounding of the points into moments: 1/lever^2 enters the condition. A
+    # frame near the middle of its joint says nothing about the size; then it is that of the robot's
+    # links.
     own = max(float(np.linalg.norm(p.translation)) for p in placements)
     links = machine.longest_link
     return own if own > 0.1 * links else links or 1.0

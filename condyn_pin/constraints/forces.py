@@ -123,11 +123,9 @@ class AppliedForce:
 def applied_forces(
     forces: object, *, functions: bool = False, rows: int | None = None
 ) -> tuple[AppliedForce, ...]:
-    """Applied forces of a user, or InvalidArgument.
-
-    `functions` says whether they may be functions of (t, q, v), and `rows` the number of states,
-    where a force may have a row each.
-    """
+    """Applied forces of a user, or InvalidArgument."""
+    # `functions` says whether they may be functions of (t, q, v), and `rows` the number of states,
+    # where a force may have a row each.
     if isinstance(forces, AppliedForce):
         raise InvalidArgument("forces: a list is needed, also for a single force")
     if isinstance(forces, str) or not isinstance(forces, Iterable):
@@ -201,24 +199,13 @@ class PointForce(NamedTuple):
 
 
 class Load(NamedTuple):
-    """Total of applied forces at one configuration.
+    """Total of applied forces at one configuration."""
 
-    Attributes
-    ----------
-    torque : (nv,) array
-        sum_f J_f^T f [N, N m].
-    size : (nv,) array
-        sum_f |J_f|^T |f|: of which rounding is a share [N, N m].
-    wrenches : tuple of (int, pin.Force)
-        The same forces on the joints that carry the frames, in the axes of these.
-    forces : tuple of AppliedForce
-        Those that they are.
-    """
-
-    torque: Array
-    size: Array
+    torque: Array  # (nv,) sum_f J_f^T f [N, N m]
+    size: Array  # (nv,) sum_f |J_f|^T |f|: of which rounding is a share [N, N m]
+    # the same forces on the joints that carry the frames, in the axes of these
     wrenches: tuple[tuple[int, Any], ...]
-    forces: tuple[AppliedForce, ...]
+    forces: tuple[AppliedForce, ...]  # those that they are
 
     def on_top_of(self, wrenches: Any) -> Any:
         """Return the wrenches on the joints plus those of the load."""

@@ -263,10 +263,8 @@ def along_at(along: Along, t: float, rows: int, name: str) -> Array:
 
 
 def check_along(along: Along, rows: int, name: str, at: Sequence[float] = (0.0,)) -> None:
-    """Raise InvalidArgument for a path of a wrong size, or with rates unlike its differences.
-
-    It is checked at some times [s], twice at each, because a path may have a kink.
-    """
+    """Raise InvalidArgument for a path of a wrong size, or with rates unlike its differences."""
+    # It is checked at some times [s], twice at each, because a path may have a kink.
     if not callable(along):
         raise InvalidArgument(
             f"along = {text_of(along)}: a Path is needed, or a function of t that returns s and "

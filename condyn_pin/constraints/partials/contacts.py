@@ -69,20 +69,7 @@ class ContactTurning:
             self._differences = not self._meetings.go(self._data)
 
     def by_q(self, velocities: Sequence[Array], lam: Array) -> tuple[Array, Array]:
-        """Partials of the rows by q: of J w for each w, and of J^T lam.
-
-        Parameters
-        ----------
-        velocities : sequence of (nv,) array
-            All w, which stay.
-        lam : (rows,) array
-            It stays too.
-
-        Returns
-        -------
-        slips : (count, rows, nv) array
-        pulls : (nv, nv) array
-        """
+        """Partials by q: of J w for each w (count, rows, nv), and of J^T lam (nv, nv)."""
         W = np.array(velocities)
         if self._differences:
             return self._differenced(W, lam)
@@ -168,11 +155,9 @@ class _OverPlanes:
             self._rolled = _cross_products(self._w, self._radial).take(_CYCLE, axis=0)
 
     def slips(self, W: Array) -> Array:
-        """Partials of J x by q for all x in the rows of W (count, 3 k, nv).
-
-        Column j is m_j w_j x (what is below moves) + (what is not below turns) x m_j u_j, and the
-        other way round where it moves the ground.
-        """
+        """Partials of J x by q for all x in the rows of W (count, 3 k, nv)."""
+        # Column j is m_j w_j x (what is below moves) + (what is not below turns) x m_j u_j, and the
+        # other way round where it moves the ground.
         u, w, below, rest = self._u[:, None], self._w[:, None], self._below, self._rest
         moved, turned = u * W[:, None], w * W[:, None]  # (5, count, k, nv), to be summed
         slip, spin = _sums(moved, below), _sums(turned, rest)
@@ -186,11 +171,9 @@ class _OverPlanes:
         return by_q.transpose(1, 2, 0, 3).reshape(len(W), -1, self._n)
 
     def pulls(self, lam: Array) -> Array:
-        """Partials of J^T lam by q (nv, nv).
-
-        Entry i, j is m_i m_j (u_i x lam) . w_j where i is below j, and else that of j, i; the other
-        way round where j moves the ground.
-        """
+        """Partials of J^T lam by q (nv, nv)."""
+        # Entry i, j is m_i m_j (u_i x lam) . w_j where i is below j, and else that of j, i; the
+        # other way round where j moves the ground.
         lam = lam.take(self._rows)[..., None]
         arms, w, is_below = _cross_products(self._u, lam), self._w[:3], self._is_below
         if not self._grounds_move:
@@ -333,17 +316,11 @@ def _across(normal: Array) -> Array:
 
 
 class MeetingTurning:
-    """Partials of the rows of all pairs of one model; not to be shared between threads.
-
-    Attributes
-    ----------
-    size : int
-        Number of rows.
-    """
+    """Partials of the rows of all pairs of one model; not to be shared between threads."""
 
     def __init__(self, model: Any, pairs: Sequence[Pair]) -> None:
         self._pairs, self._places = tuple(pairs), Pairs(model, pairs)
-        self.size = 3 * self._places.size
+        self.size = 3 * self._places.size  # number of rows
         self._first = np.cumsum([0, *(pair.points for pair in pairs)])[:-1]  # place of each pair
         each = [pair for pair in pairs for _ in range(pair.points)]
         self._bodies = np.array([pair.joint for pair in each])

@@ -87,17 +87,13 @@ class Motion(NamedTuple):
 
 
 def relative_motion(one: Motion, two: Motion, X: Array, lever: Array | None) -> Motion:
-    """Motion of body 1 relative to body 2 in the axes of c1, at the origin of c2.
-
-    X maps motions at c2 to those axes, and `lever` those at c1 to the origin of c2; without it
-    the origin is that of c1, and X maps to there.
-
-    As spatial motions, of frames that both bodies carry at the same place,
-
-        s = v1 - X v2,    s' = a1 - X a2 + s x X v2,
-
-    and as the origin of c2 moves on body 1, r' = -s_lin, there is s_lin x s_ang in s_lin' besides.
-    """
+    """Motion of body 1 relative to body 2 in the axes of c1, at the origin of c2."""
+    # X maps motions at c2 to those axes, and `lever` those at c1 to the origin of c2; without it
+    # the origin is that of c1, and X maps to there.
+    # As spatial motions, of frames that both bodies carry at the same place,
+    #     s = v1 - X v2,    s' = a1 - X a2 + s x X v2,
+    # and as the origin of c2 moves on body 1, r' = -s_lin, there is s_lin x s_ang in s_lin'
+    # besides.
     if lever is not None:
         one = one.mapped(lever)
     two = two.mapped(X)
@@ -416,12 +412,9 @@ _SWEPT: Final = -skews(np.eye(3)).swapaxes(0, 1)  # W' by each component of s_li
 
 
 def by_gap(b: Pair, R: Array, r: Array, W: Array) -> Array:
-    """Partials (rows, 6) of c by delta: W, but for angles of gaps.
-
-    With M = E1^-1 E2 and u = R e the axis of a hinge,
-
-        d(-log6 M) = Jlog6(M) R^T delta,   d(-log R) = Jlog(R) R^T delta_ang,   du = u x delta_ang.
-    """
+    """Partials (rows, 6) of c by delta: W, but for angles of gaps."""
+    # With M = E1^-1 E2 and u = R e the axis of a hinge,
+    # d(-log6 M) = Jlog6(M) R^T delta, d(-log R) = Jlog(R) R^T delta_ang, du = u x delta_ang.
     if not b.anchored or isinstance(b, BoundRelation) or b.is_rod:
         return b.anchored * W
     C = W.copy()
@@ -447,10 +440,8 @@ _STRAIGHT: Final = 1e-4  # [rad]; below, the series of (1 - angle cot(angle)) / 
 def of_point(
     b: Bound, one: Motion, two: Motion, c1Mc2: Any, lam: Array, drift: Baumgarte | None
 ) -> tuple[Array, Wrenches]:
-    """Partials (3, 4, 6) of a point, whose two forces act at both origins: they have no lever.
-
-    J v = v1 - R v2,    J a + gamma = a1 - R a2,    c = -r
-    """
+    """Partials (3, 4, 6) of a point, whose two forces act at both origins: they have no lever."""
+    # J v = v1 - R v2,    J a + gamma = a1 - R a2,    c = -r
     R, r, f = c1Mc2.rotation, c1Mc2.translation, b.sign * lam
     (_, a1_q, a1_v), (a2, a2_q, a2_v) = one.classical(), two.classical()
     Ja = one.J[3:] - R @ two.J[3:]

@@ -46,11 +46,6 @@ class ConstraintPartials:
     """Partials of all constraints of one scene.
 
     `data` holds what `pin.computeRNEADerivatives` leaves.
-
-    Attributes
-    ----------
-    make : callable
-        What makes arrays for `write`: zeros where there are couplings, all other rows are written.
     """
 
     def __init__(
@@ -62,15 +57,14 @@ class ConstraintPartials:
         self._rolling = RollingPartials(frames, bounds, drift)
         self._points = PointPartials(model, data, bounds, drift)
         self._couplings = [b for b in bounds if isinstance(b, BoundCoupling)]
+        # what makes arrays for `write`: zeros where there are couplings, all other rows are written
         self.make: Callable[[tuple[int, ...]], Array] = np.zeros if self._couplings else np.empty
 
     def write(
         self, lam: Array, pulls: Array, by_state: Array, J: Array, ends: PointEnds | None = None
     ) -> None:
-        """Write all rows but those of couplings into by_state and J, arrays made by `make`.
-
-        `ends` are those of the loops of three rows, where this answer was evaluated already.
-        """
+        """Write all rows but those of couplings into by_state and J, arrays made by `make`."""
+        # `ends` are those of the loops of three rows, where this answer was evaluated already.
         if self._pairs.k:
             self._pairs.write(lam, pulls, by_state, J)
         if self._rolling.k:
@@ -240,11 +234,9 @@ _J, _J_ANG, _A, _A_ANG, _AV, _AV_ANG, _DJ_ANG, _DJ = range(0, 24, 3)
 
 
 def _factors(*terms: tuple[int, float, int | None, int]) -> Array:
-    """Map from the known quantities of an end to the factors of its first columns.
-
-    Of terms (part, number, x, columns), with x None for the product with 1. There are three rows a
-    part, and the parts alternate: the x of all of them come first.
-    """
+    """Map from the known quantities of an end to the factors of its first columns."""
+    # Of terms (part, number, x, columns), with x None for the product with 1. There are three rows
+    # a part, and the parts alternate: the x of all of them come first.
     parts = 1 + max(part for part, *_ in terms)
     of = np.zeros((ROWS, 3, 3, parts, 3 + max(columns for *_, columns in terms)))
     for part, number, x, columns in terms:
@@ -324,10 +316,8 @@ class PointPartials:
     def write(
         self, lam: Array, pulls: Array, by_state: Array, J: Array, ends: PointEnds | None = None
     ) -> None:
-        """Write J (m, nv) and by_state, -[s_q, s_v]; add the turning of J^T lam to pulls, -r_q.
-
-        `ends` are those of all points, if they were evaluated with this lam already.
-        """
+        """Write J (m, nv) and by_state, -[s_q, s_v]; add the turning of J^T lam to pulls, -r_q."""
+        # `ends` are those of all points, if they were evaluated with this lam already.
         ends = ends or self._evaluated(lam)
         ends.of_c1[:] = ends.of_c2
         np.concatenate(self._left, out=self._columns)

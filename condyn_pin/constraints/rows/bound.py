@@ -100,29 +100,14 @@ class Drive:
 
 
 class BoundConstraint(ABC):
-    """Base of every bound constraint.
-
-    Attributes
-    ----------
-    name : str
-    rows : slice
-        Its rows among those of the scene.
-    anchored : bool
-        False for a contact that belongs wherever it is: it has no position error.
-    sign : float
-        +1 if the force on the first-named body is the one on joint 1, else -1.
-    drive : Drive or None
-        What its rows follow, if they do not stay at zero.
-    drift : Baumgarte or None
-        Stabilisation of its own rows, in place of the scene's.
-    """
+    """Base of every bound constraint."""
 
     name: str
-    rows: slice
-    anchored: bool
-    sign: float
-    drive: Drive | None
-    drift: Baumgarte | None
+    rows: slice  # its rows among those of the scene
+    anchored: bool  # false for a contact that belongs wherever it is: it has no position error
+    sign: float  # +1 if the force on the first-named body is the one on joint 1, else -1
+    drive: Drive | None  # what its rows follow, if they do not stay at zero
+    drift: Baumgarte | None  # stabilisation of its own rows, in place of the scene's
 
     @property
     def size(self) -> int:
@@ -175,10 +160,8 @@ class BoundConstraint(ABC):
         return None
 
     def within(self, joints: Container[int]) -> bool:
-        """True if both sides are on bodies of these joints.
-
-        Moving them as one body then changes nothing, also where it is open and J says otherwise.
-        """
+        """True if both sides are on bodies of these joints."""
+        # Moving them as one body then changes nothing, also where it is open and J says otherwise.
         return False
 
     @property
@@ -192,10 +175,8 @@ class BoundConstraint(ABC):
         return False
 
     def compiled(self) -> CompiledRows | None:
-        """Rows in the format of the compiled core; None if it has no such rows.
-
-        Those that follow a path are those that do not: the core is told where the path is.
-        """
+        """Rows in the format of the compiled core; None if it has no such rows."""
+        # Those that follow a path are those that do not: the core is told where the path is.
         return None
 
     @abstractmethod
@@ -204,10 +185,8 @@ class BoundConstraint(ABC):
 
     @abstractmethod
     def ends(self, oMi: Any) -> tuple[Any, Any] | None:
-        """Frames c1 and c2 in the world; None without frames.
-
-        The axes of c1 are those of its force.
-        """
+        """Frames c1 and c2 in the world; None without frames."""
+        # The axes of c1 are those of its force.
 
     def whole(self, lam: Array) -> Array:
         """Force with zeros for the components that the kind does not transmit."""
@@ -247,11 +226,9 @@ class BoundConstraint(ABC):
     def yields(
         self, body: Callable[[int], Array], columns: Callable[[Sequence[int]], float | Array]
     ) -> Any:
-        """MuJoCo's approximate diagonal of J M^-1 J^T, a number per row or one for all.
-
-        `body` returns the inverse inertia of the body of a joint under a force and under a moment
-        (2,), `columns` the sum of those of some coordinates of v.
-        """
+        """MuJoCo's approximate diagonal of J M^-1 J^T, a number per row or one for all."""
+        # `body` returns the inverse inertia of the body of a joint under a force and under a moment
+        # (2,), `columns` the sum of those of some coordinates of v.
 
 
 class TwoFrameConstraint(BoundConstraint, ABC):
@@ -301,10 +278,8 @@ class TwoFrameConstraint(BoundConstraint, ABC):
         return sum(length(oMi[j].translation) + length(P.translation) for j, P in ends)
 
     def shares(self, oMi: Any) -> Array:
-        """Sizes of shifts and of turns in the rows (size, 2), if the constraint leans.
-
-        The errors of their directions by rounding, over eps, are among them.
-        """
+        """Sizes of shifts and of turns in the rows (size, 2), if the constraint leans."""
+        # The errors of their directions by rounding, over eps, are among them.
         raise NotImplementedError
 
     def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
@@ -473,11 +448,9 @@ class Bound(TwoFrameConstraint):
         )  # fmt: skip
 
     def whole(self, lam: Array) -> Array:
-        """Force with zeros for the components that the kind does not transmit.
-
-        (3,) [N], or (6,) [N, N m] for kinds that transmit moments. A rod's direction is not known
-        here.
-        """
+        """Force with zeros for the components that the kind does not transmit."""
+        # (3,) [N], or (6,) [N, N m] for kinds that transmit moments. A rod's direction is not known
+        # here.
         force = np.zeros(6 if self.selection[-1] > 2 else 3)
         force[list(self.selection)] = lam
         return force
@@ -513,11 +486,10 @@ class Bound(TwoFrameConstraint):
         return np.array([row > 2 for row in self.selection] or [False])
 
     def opening(self, model: Any, c: Array) -> tuple[float, float]:
-        """Gap by the rows of c: length [m] and angle [rad].
-
-        Those of a weld are log6 of the placement of one frame in the other: the length of that is
-        no distance, but along a screw. The result is the distance and the angle between the frames.
-        """
+        """Gap by the rows of c: length [m] and angle [rad]."""
+        # Those of a weld are log6 of the placement of one frame in the other: the length of that is
+        # no distance, but along a screw. The result is the distance and the angle between the
+        # frames.
         if self.selection == FRAME:
             apart = pin.exp6(pin.Motion(np.ascontiguousarray(c))).translation
             return math.hypot(*apart), math.hypot(*c[3:])
@@ -616,10 +588,8 @@ class Terms:
 
 
 def largest_torque(terms: Terms, tau: Array, size: float) -> float:
-    """Largest |M| size + |h| + |tau| of a joint [N, N m]: the scale of constraint forces.
-
-    `size` is that of a: the larger of |a|_inf and gravity.
-    """
+    """Largest |M| size + |h| + |tau| of a joint [N, N m]: the scale of constraint forces."""
+    # `size` is that of a: the larger of |a|_inf and gravity.
     torques = np.abs(terms.M).sum(axis=1) * size + np.abs(terms.h) + np.abs(tau)
     return float(torques.max())
 

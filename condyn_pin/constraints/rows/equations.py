@@ -186,10 +186,8 @@ class ConstraintRows:
         return self._c.copy(), more_than(least, self._raw_jacobian())
 
     def left_out(self, J: Array, c: Array) -> LeftOut | None:
-        """Combinations of rows that are left out where rows are J, open by c.
-
-        None on closed loops, unless digits of a file make rows count there.
-        """
+        """Combinations of rows that are left out where rows are J, open by c."""
+        # None on closed loops, unless digits of a file make rows count there.
         if self.redundancy is None:
             return None
         if np.abs(c).max(initial=0.0) > tolerances.AJAR:
@@ -232,10 +230,8 @@ class ConstraintRows:
         )
 
     def placements(self, q: Array) -> list[tuple[Any, Any] | None]:
-        """Return the placements of the frames c1 and c2 in the world; None for a coupling.
-
-        What rolls touches the plane at the origin of c1, and its rows are along the axes of that.
-        """
+        """Return the placements of the frames c1 and c2 in the world; None for a coupling."""
+        # What rolls touches the plane at the origin of c1, and its rows are along the axes of that.
         self._run.forwardKinematics(self.model, self.data, q)
         return [b.ends(self.data.oMi) for b in self.bounds]
 
@@ -249,10 +245,8 @@ class ConstraintRows:
         return self._couplings.torque(lam) if self._couplings else self._still
 
     def wrenches(self, lam: Array) -> Any:
-        """Wrenches of lam on each joint, in its axes, right after `motion` at the same q.
-
-        They stay in the memory of this object.
-        """
+        """Wrenches of lam on each joint, in its axes, right after `motion` at the same q."""
+        # They stay in the memory of this object.
         self.answer = b""
         return self._groups.wrenches(lam * self.sign if self._flipped else lam)
 
@@ -461,12 +455,10 @@ class Cancellation:
         self._rows = [np.array(each, dtype=int).T for each in rows if each]
 
     def at(self, q: Array, *, leaning: bool = False) -> Array:
-        """Sizes of the terms whose difference is J (m, nv).
-
-        The same for all shifts of a constraint, and for all its turns. Of all places of a machine
-        it is least near the origin of the world. With `leaning` also what directions that are
-        computed are off by, over eps.
-        """
+        """Sizes of the terms whose difference is J (m, nv)."""
+        # The same for all shifts of a constraint, and for all its turns. Of all places of a machine
+        # it is least near the origin of the world. With `leaning` also what directions that are
+        # computed are off by, over eps.
         model, data, found = self._model, self._data, self._couplings.copy()
         for curve in self._bent:
             found[curve.rows, curve.columns] += np.abs(curve.bent(q, 1))
@@ -496,10 +488,8 @@ def least_of(P: Array) -> float:
 
 
 def more_than(least: float, J: Array) -> Array:
-    """Jacobian J, or zeros where |J|^2 is no more than `least`.
-
-    The rank is relative to the largest singular value: such rows would hold what they cannot.
-    """
+    """Jacobian J, or zeros where |J|^2 is no more than `least`."""
+    # The rank is relative to the largest singular value: such rows would hold what they cannot.
     entries = J.ravel()
     return np.zeros_like(J) if entries.dot(entries) <= least else J
 
@@ -572,10 +562,8 @@ class Equations(ConstraintRows):
         return Terms(M, h, more_than(least, J), gamma, self.a_ref())
 
     def consistent_terms(self, q: Array, v: Array) -> Terms:
-        """Terms M, h, J, gamma and a_ref without the combinations left out at q.
-
-        On closed loops they are left out too where J v is not 0, and gamma contradicts itself.
-        """
+        """Terms M, h, J, gamma and a_ref without the combinations left out at q."""
+        # On closed loops they are left out too where J v is not 0, and gamma contradicts itself.
         terms = self.terms(q, v)
         if self.redundancy is None:
             return terms
@@ -615,16 +603,9 @@ class Equations(ConstraintRows):
     def errors(
         self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
     ) -> tuple[Array, list[float]]:
-        """Residuals of a solution (a, lam) at (q, v, tau), and at a load at q.
-
-        Returns
-        -------
-        dynamics : (nv,) array
-            |M a + h - tau - J^T lam - sum J_f^T f|, elementwise; overwritten by the next call.
-        largest : list of float
-            The largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v|, |J a + gamma - a_ref| and
-            |lam|.
-        """
+        """Residuals of a solution (a, lam) at (q, v, tau), and at a load at q."""
+        # |M a + h - tau - J^T lam - sum J_f^T f| (nv,), overwritten by the next call, and the
+        # largest of |M a + h - tau - J^T lam|, |a|, |c|, |J v|, |J a + gamma - a_ref| and |lam|.
         self._evaluate(q, v, tau, a, lam, load)
         self._a[:] = a
         self._lam[:] = lam
@@ -635,10 +616,8 @@ class Equations(ConstraintRows):
     def residuals(
         self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
     ) -> tuple[Array, Array]:
-        """Residuals r = M a + h - tau - J^T lam (nv,) and s = J a + gamma - a_ref (m,).
-
-        A load at q counts beside tau.
-        """
+        """Residuals r = M a + h - tau - J^T lam (nv,) and s = J a + gamma - a_ref (m,)."""
+        # A load at q counts beside tau.
         self._evaluate(q, v, tau, a, lam, load)
         return self._dynamics.copy(), self._acceleration.copy()
 
@@ -713,10 +692,8 @@ class MassConditioning:
         return bound <= tolerances.SOLVED * self.left(M)
 
     def left(self, M: Array) -> float:
-        """Smallest share of the nominal pivots that is left in M (nv, nv), at most 1.
-
-        The error of accelerations is the estimate at the nominal state over this share.
-        """
+        """Smallest share of the nominal pivots that is left in M (nv, nv), at most 1."""
+        # The error of accelerations is the estimate at the nominal state over this share.
         shares = (cholesky_pivots(M).take(self.watched) / self.nominal).tolist()
         least: float = min([*shares, 1.0])  # of nothing but NaN, or of none
         return 0.0 if isnan(least) else least

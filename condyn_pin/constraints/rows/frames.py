@@ -194,11 +194,9 @@ class Wrenches:
         self._targets = [(self.all[j].vector, self._stacked[place[j]]) for j in joints]
 
     def of(self, forces: Array) -> Any:
-        """Wrench on each joint, in its axes, in memory of this object.
-
-        `forces` (2 size,) are the stacked ones in the axes and at the origin of c1, and the same of
-        c2.
-        """
+        """Wrench on each joint, in its axes, in memory of this object."""
+        # `forces` (2 size,) are the stacked ones in the axes and at the origin of c1, and the same
+        # of c2.
         self._on_joints.dot(forces, self._stacked)
         for wrench, force in self._targets:
             wrench[:] = force
@@ -339,10 +337,8 @@ class CutJoints:
 
 
 def relative_velocities(ends: Ends) -> tuple[Array, Array, Array, Array]:
-    """Return R (k, 3, 3), r (k, 3), and the relative velocities and their rates (k, 2, 3).
-
-    Both have a linear and an angular part, in the axes of c1.
-    """
+    """Return R (k, 3, 3), r (k, 3), and the relative velocities and their rates (k, 2, 3)."""
+    # Both have a linear and an angular part, in the axes of c1.
     R, r = ends.apart()
     (v1, v2), (a1, a2) = ends.linear()
     (w1, w2), (alpha1, alpha2) = ends.angular()

@@ -46,38 +46,25 @@ from condyn_pin.constraints.rows.equations import ROUNDED
 
 @dataclass(frozen=True, eq=False)
 class PinocchioConstraints:
-    """Constraints of a scene in the form of Pinocchio.
-
-    Attributes
-    ----------
-    constraints : tuple of PinocchioConstraint
-    to_scene : (m, m_native) array or None
-        E^T with the signs of the scene: lam from Pinocchio's; None where they are the same.
-    approximated : tuple of str
-        Names of constraints that take rows of Pinocchio's with one too many.
-    world_first : tuple of str
-        Those of them whose first frame is the world's, which `pin.lcaba` must not see.
-    loops : tuple of str
-        Names of constraints that join two moving bodies.
-    unsupported : tuple of str
-        Names of constraints without an equivalent.
-    """
+    """Constraints of a scene in the form of Pinocchio."""
 
     constraints: tuple[PinocchioConstraint, ...]
+    # (m, m_native) E^T with the signs of the scene: lam from Pinocchio's; None where they are the
+    # same
     to_scene: Array | None
+    # names of constraints that take rows of Pinocchio's with one too many
     approximated: tuple[str, ...]
+    # those of them whose first frame is the world's, which `pin.lcaba` must not see
     world_first: tuple[str, ...]
-    loops: tuple[str, ...]
-    unsupported: tuple[str, ...]
+    loops: tuple[str, ...]  # names of constraints that join two moving bodies
+    unsupported: tuple[str, ...]  # names of constraints without an equivalent
 
 
 def pinocchio_constraints(
     model: Any, bounds: Sequence[BoundConstraint], rows: Callable[[], Array]
 ) -> PinocchioConstraints:
-    """Constraints of a scene in the form of Pinocchio.
-
-    `rows` returns the Jacobian at the nominal state in the metric of M, J L^-T (m, nv).
-    """
+    """Constraints of a scene in the form of Pinocchio."""
+    # `rows` returns the Jacobian at the nominal state in the metric of M, J L^-T (m, nv).
     made: list[PinocchioConstraint] = []
     blocks: list[Array | None] = []
     approximated: list[tuple[str, int]] = []
@@ -121,10 +108,8 @@ def _side_by_side(blocks: Sequence[Array | None], bounds: Sequence[BoundConstrai
 def _equivalent(
     model: Any, bound: BoundConstraint
 ) -> tuple[list[PinocchioConstraint], Array | None]:
-    """Equivalent of a constraint in Pinocchio, and E^T; None for E^T = 1.
-
-    Nothing where it has nothing: neither of other rows, nor of rows that follow a path.
-    """
+    """Equivalent of a constraint in Pinocchio, and E^T; None for E^T = 1."""
+    # Nothing where it has nothing: neither of other rows, nor of rows that follow a path.
     if bound.drive:
         return [], np.zeros((bound.size, 0))
     if isinstance(bound, Bound) and bound.is_plain:
@@ -144,10 +129,8 @@ def _equivalent(
 
 
 def _height_of(model: Any, b: Bound) -> float | None:
-    """Distance from c1 to c2 along the axis of a planar pin [m].
-
-    None if that can change: the pin is one in space then.
-    """
+    """Distance from c1 to c2 along the axis of a planar pin [m]."""
+    # None if that can change: the pin is one in space then.
     data = whole_data(model)
     anywhere = np.random.default_rng(0).normal(size=model.nv)
     pin.computeJointJacobians(model, data, pin.integrate(model, pin.neutral(model), anywhere))
@@ -248,12 +231,10 @@ class NearlyCoincident:
 def separate(
     pinocchio_constraints: Sequence[PinocchioConstraint], rows: Callable[[], Array]
 ) -> tuple[tuple[PinocchioConstraint, ...], Array | None]:
-    """Constraints whose nearly coincident points are spread apart where they alone hold a turn.
-
-    `rows` returns their Jacobian at the nominal state in the metric of M, J L^-T (m, nv); it is
-    called where points are nearly one. Beside as many constraints comes W (m, m), with lam = W^T
-    lam', or None where all are as before.
-    """
+    """Constraints whose nearly coincident points are spread apart where they alone hold a turn."""
+    # `rows` returns their Jacobian at the nominal state in the metric of M, J L^-T (m, nv); it is
+    # called where points are nearly one. Beside as many constraints comes W (m, m), with lam = W^T
+    # lam', or None where all are as before.
     clusters = _clusters(pinocchio_constraints)
     if not clusters:
         return tuple(pinocchio_constraints), None

@@ -103,25 +103,14 @@ _TURNS: Final = 30
 
 
 class LeftOut(NamedTuple):
-    """Combinations of rows that are left out at one state.
+    """Combinations of rows that are left out at one state."""
 
-    Attributes
-    ----------
-    N : (m, m - rank) array
-        Orthonormal combinations of the rows as they are.
-    rank : int
-        Independent rows that are kept.
-    doubt : float
-        Length of the closing move, or what it leaves open if that is more, over the last pivot:
-        from 0.1 on a is not determined [1].
-    pivot : float
-        The last pivot that is kept.
-    """
-
-    N: Array
-    rank: int
+    N: Array  # (m, m - rank) orthonormal combinations of the rows as they are
+    rank: int  # independent rows that are kept
+    # length of the closing move, or what it leaves open if that is more, over the last pivot: from
+    # 0.1 on a is not determined [1]
     doubt: float
-    pivot: float
+    pivot: float  # the last pivot that is kept
 
     def kept(self, s: Array) -> Array:
         """Rows s (m,) or (m, k) without the combinations that are left out: (1 - N N^T) s."""
@@ -136,57 +125,27 @@ class LeftOut(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Redundancy:
-    """The redundancy of the rows of one scene.
+    """The redundancy of the rows of one scene."""
 
-    Attributes
-    ----------
-    R : (m,) array
-        Scales of rows: 1/l for lengths [1/m], 1 for angles.
-    D : (nv,) array
-        Scales of moves: l for slides [m], 1 for turns.
-    floor : int
-        Rank at closed states: fewer rows never count.
-    least : float
-        Pivots that rounding of J makes up.
-    size : float
-        The usual size l of a loop [m].
-    digits : int, optional
-        Rank that the file means, if its digits make up more: the others are left out where their
-        pivots are within ten times its precision, closed or not.
-    gap : float
-        How far the rows that are left out by digits stay open at most [rad, l].
-    precision : float
-        Precision of the file [rad, l].
-    """
-
-    R: Array
-    D: Array
-    floor: int
-    least: float
-    size: float
+    R: Array  # (m,) scales of rows: 1/l for lengths [1/m], 1 for angles
+    D: Array  # (nv,) scales of moves: l for slides [m], 1 for turns
+    floor: int  # rank at closed states: fewer rows never count
+    least: float  # pivots that rounding of J makes up
+    size: float  # the usual size l of a loop [m]
+    # rank that the file means, if its digits make up more: the others are left out where their
+    # pivots are within ten times its precision, closed or not
     digits: int | None = None
-    gap: float = 0.0
-    precision: float = 0.0
+    gap: float = 0.0  # how far the rows that are left out by digits stay open at most [rad, l]
+    precision: float = 0.0  # precision of the file [rad, l]
 
     @classmethod
     def of(
         cls, rows: ConstraintRows, q: Array, P: Array, rank: int | None, closed: bool
     ) -> Redundancy:
-        """Redundancy of the rows of a scene, from its nominal state.
-
-        Parameters
-        ----------
-        rows : ConstraintRows
-        q : (nq,) array
-            The nominal state.
-        P : (m, nv) array
-            Sizes that J is a difference of, at q.
-        rank : int or None
-            The rank at closed states, if that is known.
-        closed : bool
-            Whether the loops are closed at q. Where they cannot be, every row counts that is more
-            than rounding: there is no closed machine, and nothing is redundant on it.
-        """
+        """Redundancy of the rows of a scene at its nominal state q, P (m, nv) its `Sizes`."""
+        # `rank` is that at closed states, if it is known. Where the loops cannot be `closed` at q
+        # every row counts that is more than rounding: there is no closed machine, and nothing is
+        # redundant on it.
         R, D, size = scales(rows, q)
         least = tolerances.BLURRED * _EPS * float(np.linalg.norm(R[:, None] * P * D))
         if rank is not None or not closed:
@@ -213,11 +172,10 @@ class Redundancy:
         return _Pivoted(self, J, np.zeros(len(J))).order
 
     def at(self, rows: ConstraintRows, q: Array) -> LeftOut:
-        """Combinations of rows that are left out at q.
-
-        Where the move that closes the loops is long, `doubt` is measured: by how much A changes on
-        it, over the last pivot. A contact that slides to its anchor is far away, and in no doubt.
-        """
+        """Combinations of rows that are left out at q."""
+        # Where the move that closes the loops is long, `doubt` is measured: by how much A changes
+        # on it, over the last pivot. A contact that slides to its anchor is far away, and in no
+        # doubt.
         c, J = rows.position_level(q)
         found = _Pivoted(self, J, c)
         left = found.left_out
@@ -230,12 +188,10 @@ class Redundancy:
     def changes(
         self, left: LeftOut, v: Array, a: Array, pull: Array, rate: Array, gravity: float
     ) -> float:
-        """Share of a that closing the loops and stopping J v changes, estimated by sizes [1].
-
-        The move dq, of length |y|, turns what J a and J^T lam are by |dq| over the last pivot, and
-        changes J v by |dq| |v|. To stop that and `rate` = J v takes dv, which changes gamma by
-        2 |v| |dv|, and a by as much over the last pivot. `pull` is M^-1 J^T lam.
-        """
+        """Share of a that closing the loops and stopping J v changes, estimated by sizes [1]."""
+        # The move dq, of length |y|, turns what J a and J^T lam are by |dq| over the last pivot,
+        # and changes J v by |dq| |v|. To stop that and `rate` = J v takes dv, which changes gamma
+        # by 2 |v| |dv|, and a by as much over the last pivot. `pull` is M^-1 J^T lam.
         speed, of_a, pulled = (float(np.linalg.norm(x / self.D)) for x in (v, a, pull))
         size = max(of_a, gravity / self.size)
         dv = _OF_A_MOVE * left.doubt * speed + float(np.linalg.norm(self.R * rate)) / left.pivot
@@ -255,10 +211,8 @@ class Redundancy:
         return found.left_out if found.by_digits else None
 
     def to_close(self, J: Array, c: Array) -> Array:
-        """Gap c (m,) without the part that the digits of the file explain, if it is within them.
-
-        All of c where the gap is larger, or where digits make no row independent.
-        """
+        """Gap c (m,) without the part that the digits of the file explain, if it is within them."""
+        # All of c where the gap is larger, or where digits make no row independent.
         left = self.left_out_by_digits(J)
         if left is None or np.abs(self.R * left.rest(c)).max() > self.precision:
             return c
@@ -533,12 +487,10 @@ def _upper(k: int) -> Array:
 
 
 def scales(rows: ConstraintRows, q: Array, J: Array | None = None) -> tuple[Array, Array, float]:
-    """Scales R (m,), D (nv,) and the usual l, by the size l of each loop.
-
-    l is the largest lever of a turn on a row that is a length, over some configurations, or at q
-    alone if its J is given. One number a loop, not one a column: a spin about a rod has no lever,
-    but turns what hangs on it by 1 rad.
-    """
+    """Scales R (m,), D (nv,) and the usual l, by the size l of each loop."""
+    # l is the largest lever of a turn on a row that is a length, over some configurations, or at q
+    # alone if its J is given. One number a loop, not one a column: a spin about a rod has no lever,
+    # but turns what hangs on it by 1 rad.
     model, rng = rows.model, np.random.default_rng(0)
     if J is None:
         moves = [_APART * rng.normal(size=model.nv) if look else 0.0 for look in range(_LOOKS)]

@@ -219,24 +219,16 @@ class Relations:
 
 @dataclass(frozen=True)
 class BoundCoupling(BoundConstraint):
-    """Row of joint coordinates, bound.
-
-    Attributes
-    ----------
-    configuration, velocity : tuple of int
-        Where q and v hold the joints.
-    weights : tuple of float
-        Of each joint.
-    bends : tuple of tuple of float
-        k_2, k_3, ... of each joint; empty where all rows are linear.
-    """
+    """Row of joint coordinates, bound."""
 
     name: str
     rows: slice
+    # configuration, velocity: where q and v hold the joints
     configuration: tuple[int, ...]
     velocity: tuple[int, ...]
-    weights: tuple[float, ...]
+    weights: tuple[float, ...]  # of each joint
     offset: float
+    # k_2, k_3, ... of each joint; empty where all rows are linear.
     bends: tuple[tuple[float, ...], ...] = ()
     anchored: bool = True
     sign: float = 1.0
@@ -386,30 +378,18 @@ _SKEW: Final = np.array([pin.skew(e).ravel() for e in np.eye(3)])
 
 @dataclass(frozen=True)
 class BoundRolling(TwoFrameConstraint):
-    """Wheel or ball that rolls on a plane of the world, bound.
-
-    Attributes
-    ----------
-    joint1, placement1 : int, pin.SE3
-        The joint that carries the frame c1 in the middle, and where.
-    placement2 : pin.SE3
-        A frame c2 of the plane in the world, z along its normal.
-    selection : tuple of int
-        Which of forward, sideways and off the plane stay zero: 0, 1 and 2.
-    axle : int or None
-        The axis of c1 that a wheel turns about; None for a ball.
-    anchored : bool
-        Whether the plane has a height, so that row 2 has a position error; the others have none.
-    """
+    """Wheel or ball that rolls on a plane of the world, bound."""
 
     name: str
     rows: slice
+    # joint1, placement1: the joint that carries the frame c1 in the middle, and where
     joint1: int
     placement1: Any
-    placement2: Any
-    selection: tuple[int, ...]
+    placement2: Any  # A frame c2 of the plane in the world, z along its normal
+    selection: tuple[int, ...]  # which of forward, sideways and off the plane stay zero: 0, 1 and 2
     radius: float  # [m]
-    axle: int | None
+    axle: int | None  # the axis of c1 that a wheel turns about; None for a ball
+    # whether the plane has a height, so that row 2 has a position error; the others have none
     anchored: bool
     joint2: int = 0
     sign: float = 1.0
@@ -451,10 +431,8 @@ class BoundRolling(TwoFrameConstraint):
         return self.touching(oMi[self.joint1]), self.placement2
 
     def touching(self, oMi: Any) -> Any:
-        """Frame of the rows: its origin the lowest point, its axes t, n x t and n.
-
-        `oMi` is the placement of its joint in the world.
-        """
+        """Frame of the rows: its origin the lowest point, its axes t, n x t and n."""
+        # `oMi` is the placement of its joint in the world.
         oMc1, R2 = oMi * self.placement1, self.placement2.rotation
         n, t = R2[:, 2], R2[:, 0]
         r = -self.radius * n
@@ -542,10 +520,8 @@ class Rolling:
             J[b.rows] = (T @ (of[:3] - pin.skew(r[:, 0]) @ of[3:]))[list(b.selection)]
 
     def _point(self, E: Array, E_dot: Array) -> tuple[Array, Array]:
-        """Compute the lowest points r and the axes T of the rows; return the rates of both.
-
-        Of every array here the first half is the value and the second one its rate.
-        """
+        """Compute the lowest points r and the axes T of the rows; return the rates of both."""
+        # Of every array here the first half is the value and the second one its rate.
         both = np.stack([E, E_dot])
         n = both[..., 2:]
         t = self._t_of_n @ n + self._t_of_x @ both[..., :1]
