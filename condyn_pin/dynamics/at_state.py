@@ -54,10 +54,8 @@ _equations = ThreadCache[Equations]()
 
 
 def equations_of(scene: Scene) -> Equations:
-    """Return this thread's equations of a scene: earlier ones, or new ones.
-
-    What they return is yours; what they refer to is overwritten by their next use.
-    """
+    """Return this thread's equations of a scene: earlier ones, or new ones."""
+    # What they return is yours; what they refer to is overwritten by their next use.
     scene.robot.check_unedited()
     return _equations.of(
         scene, None, lambda: with_redundancy(Equations(scene.robot.unedited, scene.bounds), scene)
@@ -88,10 +86,8 @@ class State:
 
 
 def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
-    """Terms of a scene at a state, at rest by default, with the rows that are kept there.
-
-    O(n^3 + m^2 n)
-    """
+    """Terms of a scene at a state, at rest by default, with the rows that are kept there."""
+    # O(n^3 + m^2 n)
     check_scene(scene)
     check_bilateral(scene)
     check_time(scene)
@@ -121,11 +117,9 @@ def moves_back(scene: Scene, q: Array, v: Array) -> tuple[Array, Array]:
 def _closed_state(
     scene: Scene, equations: Equations, q: Array, v: Array
 ) -> tuple[Array, Array, Array, LeftOut, MinimumNorm]:
-    """Moves dq, dv from the closed state to (q, v), its q, and rows and factors there.
-
-    By Gauss and Newton with the rows that are kept, least in the metric of M, until the gaps are
-    rounding or fall no more.
-    """
+    """Moves dq, dv from the closed state to (q, v), its q, and rows and factors there."""
+    # By Gauss and Newton with the rows that are kept, least in the metric of M, until the gaps are
+    # rounding or fall no more.
     model, closed, gap = equations.model, q, inf
     for _ in range(_STEPS):
         c, J = equations.position_level(closed)
@@ -205,10 +199,8 @@ def constraint_velocities(scene: Scene, velocity: Array) -> dict[str, Constraint
 
 
 def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
-    """Return the rounding error of J x by constraint, where its two sides move together.
-
-    J x is the difference of two velocities: 1e-13 of what the joints bring to either.
-    """
+    """Return the rounding error of J x by constraint, where its two sides move together."""
+    # J x is the difference of two velocities: 1e-13 of what the joints bring to either.
     sides = ROUNDED * (equations_of(scene).cancellation(q) @ np.abs(x))
     return {b.name: float(sides[b.rows].max()) for b in scene.bounds}
 

@@ -129,10 +129,9 @@ def of_model(model: Any) -> dict[str, Any]:
 
 
 def of_springs(robot: Robot) -> dict[str, Any]:
-    """Return the springs: of joints stiffness and reference, and where q and v hold each.
-
-    Between frames the joints that these are on, their origins there, and what acts along the line.
-    """
+    """Return the springs: of joints stiffness and reference, and where q and v hold each."""
+    # Between frames the joints that these are on, their origins there, and what acts along the
+    # line.
     chosen = [spring for spring in robot.springs if spring.stiffness]
     at_q, at_v = indices(robot.model, [spring.joint for spring in chosen])
     numbers = [[spring.stiffness, spring.reference] for spring in chosen]
@@ -284,11 +283,9 @@ class CompiledCore:
         self, state: State, outputs: Outputs, *, accuracy: float | None, threads: int,
         forces: Sequence[AppliedForce] = (),
     ) -> NDArray[np.intp]:  # fmt: skip
-        """Fill the outputs of a `BatchSolution`; return the rows that are left to Python.
-
-        The others are ok. `state` is q (k, nq), v (k, nv) and tau, (k, nv) or (nv,); `forces` are
-        the same for all, or have one row per state.
-        """
+        """Fill the outputs of a `BatchSolution`; return the rows that are left to Python."""
+        # The others are ok. `state` is q (k, nq), v (k, nv) and tau, (k, nv) or (nv,); `forces` are
+        # the same for all, or have one row per state.
         more = {"threads": threads}
         return self._answer(self.core.solve, state, outputs, accuracy, forces, more)
 
@@ -301,10 +298,8 @@ class CompiledCore:
         return self._answer(self.core.differentiate, state, outputs, accuracy, forces, more)
 
     def one(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, accuracy: float) -> Solution | None:
-        """Return the solution of one state; None where Python has to answer.
-
-        Arrays that are right already are checked in the core alone.
-        """
+        """Return the solution of one state; None where Python has to answer."""
+        # Arrays that are right already are checked in the core alone.
         out = np.empty(self._size)
         try:
             said = self._solve(q, v, tau, accuracy, out)

@@ -72,21 +72,12 @@ _WRITTEN: Final = {
 
 @dataclass(frozen=True, eq=False)
 class Digits:
-    """Spurious rank of a scene, from the rounded numbers of its file.
+    """Spurious rank of a scene, from the rounded numbers of its file."""
 
-    Attributes
-    ----------
-    redundancy : Redundancy or None
-        With the rank that the file means; None where the file is believed.
-    gap : float
-        What the rows beyond that rank leave open at most [rad, sizes of a loop].
-    note : str
-        What is off, by how much, what follows, and the cure.
-    """
-
+    # with the rank that the file means; None where the file is believed
     redundancy: Redundancy | None
-    gap: float
-    note: str
+    gap: float  # what the rows beyond that rank leave open at most [rad, sizes of a loop]
+    note: str  # what is off, by how much, what follows, and the cure
 
 
 class _Walked(NamedTuple):
@@ -99,11 +90,9 @@ class _Walked(NamedTuple):
 
 
 def digits_at(scene: Scene, rows: Equations, q: Array, *, J: Array | None = None) -> Digits | None:
-    """Spurious rank from rounded numbers, at a state with loops closed or open by little.
-
-    None where they make up nothing: no singular value is small, or not at states nearby. J (m, nv)
-    says that the loops are closed at q, so that only its singular values are looked at first.
-    """
+    """Spurious rank from rounded numbers, at a state with loops closed or open by little."""
+    # None where they make up nothing: no singular value is small, or not at states nearby. J (m,
+    # nv) says that the loops are closed at q, so that only its singular values are looked at first.
     precision = scene.robot.precision
     if precision == 0.0 or not rows.m:
         return None
@@ -193,11 +182,9 @@ class _Off(NamedTuple):
 def _note(
     scene: Scene, rows: Equations, gaps: Array, at: _Walked, left: LeftOut, *, believed: float = 0.0
 ) -> str:
-    """Notice of the loops that are off, what follows, and the cure.
-
-    A motion leaves rows open by `gaps` (m,) [rad, l]; where the file is believed, `believed` is the
-    largest.
-    """
+    """Notice of the loops that are off, what follows, and the cure."""
+    # A motion leaves rows open by `gaps` (m,) [rad, l]; where the file is believed, `believed` is
+    # the largest.
     weights = np.linalg.norm(left.N, axis=1)
     found = []
     pin.computeJointJacobians(rows.model, rows.data, at.q)

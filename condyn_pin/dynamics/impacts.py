@@ -231,13 +231,10 @@ def _check(found: Impact, J: Array, wanted: Array, left: LeftOut | None) -> None
 
 @one_blas_thread
 def _derivatives(found: Impact) -> tuple[Array, Array]:
-    """Return the derivatives of v+ (nv, 2 nv) and lam (m, 2 nv) by q and v-.
-
-    M dv+ - J^T dlam = M dv- - d(M (v+ - v-) - J^T lam),    J dv+ = -e J dv- - d(J v+ + e J v-)
-
-    where d is that by q with all else fixed: at rest and without gravity, J a + gamma = J a and
-    M a + h = M a for any a, also one that is a velocity.
-    """
+    """Return the derivatives of v+ (nv, 2 nv) and lam (m, 2 nv) by q and v-."""
+    # M dv+ - J^T dlam = M dv- - d(M (v+ - v-) - J^T lam),    J dv+ = -e J dv- - d(J v+ + e J v-)
+    # where d is that by q with all else fixed: at rest and without gravity, J a + gamma = J a and
+    # M a + h = M a for any a, also one that is a velocity.
     scene, q, e, n = found.scene, found.q, found.restitution[:, None], found.scene.robot.nv
     linearisation = Linearisation(without_gravity(scene.robot.model), scene.bounds)
     still, no_force = np.zeros(n), np.zeros_like(found.lam)

@@ -77,14 +77,12 @@ def default_mu(nominal: NominalAnalysis) -> float:
 
 
 def default_accuracy(nominal: NominalAnalysis, mu: float) -> float:
-    """Return the step of lam after which an iteration may end [N].
-
-    1e-9 of the robot's weight, or 4e-9 where rows are redundant. The next one is smaller by
-    mu / (sigma + mu), and moves a joint by up to max(w) sigma^1/2 of it, w the
-    `ErrorEstimator.weights`: where that is more than 1e-9 of gravity, as along points that hold
-    light bodies and weigh little in G, the step has to be less: unless rounding of J^T lam moves
-    that joint by more than this anyway.
-    """
+    """Return the step of lam after which an iteration may end [N]."""
+    # 1e-9 of the robot's weight, or 4e-9 where rows are redundant. The next one is smaller by mu /
+    # (sigma + mu), and moves a joint by up to max(w) sigma^1/2 of it, w the
+    # `ErrorEstimator.weights`: where that is more than 1e-9 of gravity, as along points that hold
+    # light bodies and weigh little in G, the step has to be less: unless rounding of J^T lam moves
+    # that joint by more than this anyway.
     estimator, (_, smallest) = nominal.estimator, nominal.delassus_spectrum
     moved = estimator.largest_weight * smallest**0.5 * mu / (smallest + mu)
     enough = max(tolerances.SOLVED / 10.0, estimator.force_rounding) * (estimator.gravity or 1.0)
@@ -226,12 +224,10 @@ MakeSolver = Callable[[WeightChoice], "tuple[BoundSolver, Callable[[], int]]"]
 
 
 def best_choice(solver: ArticulatedSolver, workspace: Workspace, start: MakeSolver) -> WeightChoice:
-    """Return the fastest weight that is accurate at the states that are measured.
-
-    If none is, the one with the best product of error and sweeps. A weight that needs more
-    than a quarter of the sweeps there is left out: it would not converge elsewhere. Where none
-    is left that is sure, answers are corrected.
-    """
+    """Return the fastest weight that is accurate at the states that are measured."""
+    # If none is, the one with the best product of error and sweeps. A weight that needs more than a
+    # quarter of the sweeps there is left out: it would not converge elsewhere. Where none is left
+    # that is sure, answers are corrected.
     nominal, large = workspace.scene.nominal, workspace.model.nv > _LARGE
     states = nominal.states if large else (*nominal.states, *_drawn_states(workspace))
 
@@ -292,10 +288,8 @@ def _error(workspace: Workspace, method: BoundSolver, s: NominalState) -> float:
 
 
 def _drawn_states(workspace: Workspace) -> Iterator[NominalState]:
-    """Yield random states, moved as the nominal one is, and their a where `Reference` proves it.
-
-    Where a state is nearly singular even that cannot: nothing can be measured by it.
-    """
+    """Yield random states, moved as the nominal one is, and their a where `Reference` proves it."""
+    # Where a state is nearly singular even that cannot: nothing can be measured by it.
     scene, rng = workspace.scene, np.random.default_rng(1)
     if not scene.nominal.closed:
         return

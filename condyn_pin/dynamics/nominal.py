@@ -73,10 +73,8 @@ _DIGITS = "_digits"  # where a scene has what the digits of its file make up, on
 
 
 def scene_without_time(scene: Scene) -> Scene:
-    """Return the scene at all times that a scene at one time was made from, if that closes.
-
-    Its J, and the rank of that, are those of the scene at one time. Otherwise the scene itself.
-    """
+    """Return the scene at all times that a scene at one time was made from, if that closes."""
+    # Its J, and the rank of that, are those of the scene at one time. Otherwise the scene itself.
     of: Scene = vars(scene).get(_OF, scene)
     return of if of is scene or of.nominal.closed else scene
 
@@ -281,10 +279,8 @@ class NominalAnalysis:
 
 
 def pinocchio_constraints_of(scene: Scene) -> PinocchioConstraints:
-    """Return the constraints of a scene as Pinocchio's own methods take them; made once.
-
-    Scenes that differ by anchors share a `NominalAnalysis`, but not these.
-    """
+    """Return the constraints of a scene as Pinocchio's own methods take them; made once."""
+    # Scenes that differ by anchors share a `NominalAnalysis`, but not these.
     known = vars(scene)
     if "_pinocchio_constraints" not in known:
         known["_pinocchio_constraints"] = pinocchio_constraints(
@@ -309,16 +305,10 @@ def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, b
 
 
 def _nominal_mass(scene: Scene, equations: Equations) -> tuple[Array, bool, MassFactor]:
-    """Return q of the nominal state, whether the loops are closed there, and the factor of M.
-
-    Where M is singular or nearly so, they are those of the first of some random states near it that
-    will do; if none will, those of the state in which joints feel most inertia.
-
-    Raises
-    ------
-    InvalidModel
-        If M is singular at all of them.
-    """
+    """Return q of the nominal state, whether the loops are closed there, and the factor of M."""
+    # Where M is singular or nearly so, they are those of the first of some random states near it
+    # that will do; if none will, those of the state in which joints feel most inertia. InvalidModel
+    # if M is singular at all of them.
     robot, error, most = scene.robot, None, -1.0
     for q, closed in _configurations(scene, *_nominal_configuration(scene, equations)):
         try:
@@ -352,11 +342,9 @@ def _configurations(scene: Scene, q: Array, closed: bool) -> Iterator[tuple[Arra
 
 
 def _least_share(robot: Robot, mass: MassFactor) -> float:
-    """Return the least inertia that a joint feels while all that it carries moves freely.
-
-    Over what it feels with all else locked. Joints whose own body has inertia enough feel as much
-    at any state, and are not looked at.
-    """
+    """Return the least inertia that a joint feels while all that it carries moves freely."""
+    # Over what it feels with all else locked. Joints whose own body has inertia enough feel as much
+    # at any state, and are not looked at.
     watched = MassConditioning(robot.least_pivots, mass.pivots).watched
     shares = mass.pivots[watched] / mass.M.diagonal()[watched]
     return float(np.nan_to_num(shares).min(initial=1.0))
@@ -378,11 +366,9 @@ def _may_be_rounded(S: Array) -> bool:
 
 
 def _idle_rows(equations: Equations, q: Array, P: Array) -> tuple[NDArray[np.bool_], bool]:
-    """Rows (m,) that are no more than rounding where the loops are a little open.
-
-    Of a planar loop one; of a loop in space none, even where one of them is redundant. And whether
-    any of them is not exactly zero.
-    """
+    """Rows (m,) that are no more than rounding where the loops are a little open."""
+    # Of a planar loop one; of a loop in space none, even where one of them is redundant. And
+    # whether any of them is not exactly zero.
     apart = _APART * np.random.default_rng(0).normal(size=equations.model.nv)
     q = pin.integrate(equations.model, q, apart)
     J = equations.parts(q, np.zeros(equations.model.nv))[2]
@@ -396,22 +382,15 @@ def _idle_rows(equations: Equations, q: Array, P: Array) -> tuple[NDArray[np.boo
 
 @dataclass(frozen=True, eq=False)
 class NominalState:
-    """A state on the constraints, and the accelerations there by `Reference`.
-
-    Attributes
-    ----------
-    size : float
-        What errors of a are relative to: the larger of |a|_inf and gravity [rad/s^2, m/s^2].
-    torque : float
-        The same for forces: the largest torque in the equation of a joint [N, N m].
-    """
+    """A state on the constraints, and the accelerations there by `Reference`."""
 
     q: Array
     v: Array
     tau: Array
     a: Array
+    # what errors of a are relative to: the larger of |a|_inf and gravity [rad/s^2, m/s^2]
     size: float
-    torque: float
+    torque: float  # the same for forces: the largest torque in the equation of a joint [N, N m]
 
     @classmethod
     def of(

@@ -45,10 +45,8 @@ def notices_of(solution: Solution, sites: Sites) -> tuple[str, ...]:
 
 
 def _left_out_of_tau(solution: Solution) -> tuple[str, ...]:
-    """Notice of springs and dampers that tau lacks, where a would change with them.
-
-    tau certainly lacks them at joints where it is zero and they are not.
-    """
+    """Notice of springs and dampers that tau lacks, where a would change with them."""
+    # tau certainly lacks them at joints where it is zero and they are not.
     scene, (q, v, tau, forces, drift) = solution.scene, solution.question
     of_springs = scene.robot.passive_torque(q, 0 * v)
     passive = scene.robot.passive_torque(q, v)
@@ -124,10 +122,8 @@ def undetermined(solution: Solution) -> str:
 
 
 def _off_the_constraints(solution: Solution, why: str) -> tuple[str, ...]:
-    """Notice of a state that leaves loops open, or whose velocity contradicts the rows.
-
-    `why` no acceleration belongs to it, if none does, is all of it.
-    """
+    """Notice of a state that leaves loops open, or whose velocity contradicts the rows."""
+    # `why` no acceleration belongs to it, if none does, is all of it.
     if why:
         return (why,)
     scene, doubt, rest, off = solution.scene, solution.doubt, solution.rest, solution.state_error
@@ -167,10 +163,8 @@ def _largest(model: Any, move: Array) -> tuple[str, float]:
 
 
 def _rank_notes(solution: Solution, explained: bool) -> tuple[str, ...]:
-    """Return the notes of `Scene.rank` where it is singular, or the answer is in doubt.
-
-    Not of an answer that is so because of its state, if another notice has `explained` that.
-    """
+    """Return the notes of `Scene.rank` where it is singular, or the answer is in doubt."""
+    # Not of an answer that is so because of its state, if another notice has `explained` that.
     scene, ok = solution.scene, solution.status.ok
     if not ok:
         share = tolerances.NEARLY_MASSLESS

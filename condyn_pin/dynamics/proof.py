@@ -143,12 +143,9 @@ class Verifier:
     def _forces_hold(
         self, state: State, residuals: Residuals, max_a: float, accuracy: float, load: Load | None
     ) -> bool:
-        """True if J^T lam is right to FORCES, or to ten times `accuracy` where that is more.
-
-        A residual along what rows hold is an error of lam that a does not show,
-
-            J^T dlam = r + M e,    |J^T dlam|_inf <= |r|_inf + bound (|M| |a|_inf)_inf.
-        """
+        """True if J^T lam is right to FORCES, or to ten times `accuracy` where that is more."""
+        # A residual along what rows hold is an error of lam that a does not show,
+        #     J^T dlam = r + M e,    |J^T dlam|_inf <= |r|_inf + bound (|M| |a|_inf)_inf.
         size = max(max_a, self._estimator.gravity)
         if residuals.dynamics <= self._estimator.negligible_dynamics_error * size:
             return True
@@ -195,10 +192,8 @@ class Verifier:
     def _careful_proof(
         self, state: State, a: Array, lam: Array, load: Load | None, left: LeftOut | None
     ) -> tuple[Residuals, Array | None]:
-        """Proof by the factors of the state itself, and by the rounding of J^T lam.
-
-        Of rows that are left out the second array has what they miss.
-        """
+        """Proof by the factors of the state itself, and by the rounding of J^T lam."""
+        # Of rows that are left out the second array has what they miss.
         equations, nominal = self._workspace.equations, self._estimator
         q, v, tau = state
         terms = equations.terms(q, np.zeros(self._workspace.model.nv))
@@ -317,10 +312,8 @@ class Refinement:
 
 
 def consistent_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSolver:
-    """A method that leaves out redundant rows where loops are open, from one that does not.
-
-    Open loops are solved by `NullSpace`. Where J v is not 0, forces lose what moves nothing.
-    """
+    """A method that leaves out redundant rows where loops are open, from one that does not."""
+    # Open loops are solved by `NullSpace`. Where J v is not 0, forces lose what moves nothing.
     exact = cache(lambda: NullSpace(tolerances.REFERENCE_RANK).start(workspace))
     rounded = workspace.scene.nominal.rounded_file is not None
     method, moving_at = closed, np.zeros(0)
@@ -347,11 +340,9 @@ def consistent_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSol
 
 
 def without_idle_rows(method: BoundSolver, idle: NDArray[np.bool_]) -> BoundSolver:
-    """A method without forces along rows that are zero at every configuration.
-
-    Where J v is not 0 such a row may miss a gamma that no acceleration meets, and damping makes a
-    force of it.
-    """
+    """A method without forces along rows that are zero at every configuration."""
+    # Where J v is not 0 such a row may miss a gamma that no acceleration meets, and damping makes a
+    # force of it.
 
     def lam() -> Array:
         found = method.lam()
@@ -370,10 +361,8 @@ def exact_where_slipping(workspace: Workspace, method: BoundSolver) -> BoundSolv
 def fallback_off_manifold(
     workspace: Workspace, closed: BoundSolver, slips: bool = False
 ) -> BoundSolver:
-    """A method with the scene's own rows where Pinocchio's, which stand for them, differ.
-
-    With `slips`, only where rows slip by more than SLIPPING, whatever is open.
-    """
+    """A method with the scene's own rows where Pinocchio's, which stand for them, differ."""
+    # With `slips`, only where rows slip by more than SLIPPING, whatever is open.
     dense: list[BoundSolver] = []  # started at the first state that needs it
     method = closed
     views = _gaps(workspace, slips)

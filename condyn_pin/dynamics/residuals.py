@@ -96,25 +96,16 @@ class Residuals(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ErrorEstimator:
-    """Estimator of the error of a scene's accelerations from residuals.
+    """Estimator of the error of a scene's accelerations from residuals."""
 
-    Attributes
-    ----------
-    factors : MinimumNorm
-        Of M and J at a state, nominal or not.
-    cancellation : (m, nv) array
-        P: what J is a difference of, and what directions that it is along are off by, over eps.
-    gravity, weight : float
-        |g| [m/s^2]; mass times gravity [N].
-    leaning : sequence of int
-        The rows along directions that are computed.
-    """
-
-    factors: MinimumNorm
+    factors: MinimumNorm  # of M and J at a state, nominal or not
+    # (m, nv) P: what J is a difference of, and what directions that it is along are off by, over
+    # eps
     cancellation: Array
+    # gravity, weight: |g| [m/s^2]; mass times gravity [N]
     gravity: float
     weight: float
-    leaning: Sequence[int] = ()
+    leaning: Sequence[int] = ()  # the rows along directions that are computed
 
     @cached_property
     def weights(self) -> Array:
@@ -150,10 +141,8 @@ class ErrorEstimator:
 
     @cached_property
     def leaning_rounding(self) -> tuple[float, float]:
-        """Error of a by directions that are off by eps, per a and per lam.
-
-        Twice as much, for it is that at the nominal state.
-        """
+        """Error of a by directions that are off by eps, per a and per lam."""
+        # Twice as much, for it is that at the nominal state.
         P, leaning = np.zeros_like(self.cancellation), list(self.leaning)
         P[leaning] = 2.0 * _EPS * self.cancellation[leaning]
         moved, pushed = self.factors.moved(P.sum(axis=1)), self.factors.pushed(P.sum(axis=0))
@@ -184,12 +173,10 @@ class ErrorEstimator:
         e: float | None = None,
         lean: float = 0.0,
     ) -> tuple[Residuals, bool]:
-        """Return the sizes of the residuals, and whether w and sigma have to be computed anew.
-
-        `dynamics` and `largest` are those of `Equations.errors`; `e` bounds |e|_inf, where it was
-        computed; where it was not, `lean` is how many eps directions are off, at most.
-        ``native/src/core/verdict.hpp`` is the same.
-        """
+        """Return the sizes of the residuals, and whether w and sigma have to be computed anew."""
+        # `dynamics` and `largest` are those of `Equations.errors`; `e` bounds |e|_inf, where it was
+        # computed; where it was not, `lean` is how many eps directions are off, at most.
+        # ``native/src/core/verdict.hpp`` is the same.
         max_dynamics, max_a, violation, velocity, constraint, max_lam = largest
         e_M = self.weights.dot(dynamics) + self.per_row * constraint
         error = float(self.largest_weight * e_M)
@@ -214,38 +201,30 @@ class ErrorEstimator:
         return Residuals(max_dynamics, constraint, violation, velocity, bound), doubtful
 
     def rounding_of(self, torques: Array) -> float:
-        """Return the error of a by rounding of some torques (nv,), all positive: eps |N| tau.
-
-        Forces that balance to the last bit leave a = 0, and a relative error means nothing there.
-        """
+        """Return the error of a by rounding of some torques (nv,), all positive: eps |N| tau."""
+        # Forces that balance to the last bit leave a = 0, and a relative error means nothing there.
         return _EPS * float(self.factors.pushed(torques).max())
 
     @cached_property
     def plausible_acceleration(self) -> float:
-        """The largest that needs no nearly singular M to explain it [m/s^2, rad/s^2].
-
-        Ten times what the robot's weight, at a lever of one metre, gives to its lightest joint.
-        """
+        """The largest that needs no nearly singular M to explain it [m/s^2, rad/s^2]."""
+        # Ten times what the robot's weight, at a lever of one metre, gives to its lightest joint.
         return 10.0 * self.largest_weight**2 * self.weight
 
     @cached_property
     def plausible_force(self) -> float:
-        """The largest multiplier that is not rounding, relative to the size of a [N s^2/m].
-
-        A hundred times what the robot weighs: near a singular configuration lam grows as 1 / sigma,
-        and a row that is rounding takes 1e17. Less where light joints are shaken by less.
-        """
+        """The largest multiplier that is not rounding, relative to the size of a [N s^2/m]."""
+        # A hundred times what the robot weighs: near a singular configuration lam grows as 1 /
+        # sigma, and a row that is rounding takes 1e17. Less where light joints are shaken by less.
         rounding = self.force_rounding
         most = min(_HEAVY, tolerances.SOLVED / rounding) if rounding else _HEAVY
         return most * self.weight / (self.gravity or 1.0)
 
     @cached_property
     def negligible_constraint_error(self) -> float:
-        """The |s|_inf, relative to the size of a, that is never in doubt [1].
-
-        Everything is where all rows are rounding, also a residual of nothing, and where joints
-        are so light that rounding of J^T lam shakes them.
-        """
+        """The |s|_inf, relative to the size of a, that is never in doubt [1]."""
+        # Everything is where all rows are rounding, also a residual of nothing, and where joints
+        # are so light that rounding of J^T lam shakes them.
         if not len(self.cancellation):
             return inf
         scale = self.largest_weight * self.per_row
@@ -272,11 +251,9 @@ class ErrorEstimator:
 
     @cached_property
     def negligible_dynamics_error(self) -> float:
-        """The |r|_inf, relative to the size of a, that is no error of forces [kg, kg m^2].
-
-        A hundredth of FORCES, where one would do at the nominal state: no joint feels less inertia
-        than 1 / w^2, whatever the others do.
-        """
+        """The |r|_inf, relative to the size of a, that is no error of forces [kg, kg m^2]."""
+        # A hundredth of FORCES, where one would do at the nominal state: no joint feels less
+        # inertia than 1 / w^2, whatever the others do.
         return tolerances.FORCES / 100.0 / float(self.weights.min()) ** 2
 
     @cached_property

@@ -513,11 +513,9 @@ def check_not_driven(scene: Scene, what: str) -> None:
 
 
 def standard_scenes(robot: Robot) -> dict[str, Scene]:
-    """Return the scenes of a robot by label.
-
-    Its loops alone; its loops with its ready-made contacts; and the same with each surface
-    replaced by its four corners.
-    """
+    """Return the scenes of a robot by label."""
+    # Its loops alone; its loops with its ready-made contacts; and the same with each surface
+    # replaced by its four corners.
     loops = tuple(robot.loops)
     scenes = {}
     if loops:
@@ -542,11 +540,9 @@ def _corners(robot: Robot) -> tuple[Constraint, ...]:
 
 
 def motor_torque(robot: Robot, rng: np.random.Generator) -> Array:
-    """Return random torques in the motors, a tenth of the robot's weight at one metre.
-
-    Only in the motors: a torque of that size about the axis of a thin rod would spin it at a
-    million radians per second squared, and no error elsewhere would be seen beside that.
-    """
+    """Return random torques in the motors, a tenth of the robot's weight at one metre."""
+    # Only in the motors: a torque of that size about the axis of a thin rod would spin it at a
+    # million radians per second squared, and no error elsewhere would be seen beside that.
     tau = np.zeros(robot.nv)
     for name in robot.actuated:
         joint = robot.model.joints[robot.model.getJointId(name)]

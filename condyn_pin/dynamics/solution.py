@@ -560,13 +560,11 @@ class ConstraintForce(ArrayValue):
 
 
 def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -> tuple[str, ...]:
-    """Sentences on contacts with the world that pull, as no ground does.
-
-    The normal is the z axis of a `SurfaceContact` and that of the plane of a `PlanarContact` and
-    of what rolls. A point or a line has none: the vertical stands for it, if there is gravity.
-    Where rows are redundant, forces N z may be added, J^T N = 0: a normal force counts that no z
-    changes, and else the least pull that some z leaves.
-    """
+    """Sentences on contacts with the world that pull, as no ground does."""
+    # The normal is the z axis of a `SurfaceContact` and that of the plane of a `PlanarContact` and
+    # of what rolls. A point or a line has none: the vertical stands for it, if there is gravity.
+    # Where rows are redundant, forces N z may be added, J^T N = 0: a normal force counts that no z
+    # changes, and else the least pull that some z leaves.
     up = upward(sites.scene)
     largest = max((float(np.abs(f.components).max()) for f in forces.values()), default=0.0)
     least = -tolerances.SOLVED * largest
@@ -681,13 +679,8 @@ def _force(sites: Sites, i: int, lam: Array) -> ConstraintForce:
 
 
 def forces_in_axes(scene: Scene, Q: Array, lam: Array) -> dict[str, Array]:
-    """Forces of the constraints with `axes`, in these, at many states (k, 3) or (k, 6) [N, N m].
-
-    Parameters
-    ----------
-    Q, lam : (k, nq), (k, m) array
-        Configurations at which the rows of lam are taken, and their forces.
-    """
+    """Forces of the constraints with `axes`, in these, at many states (k, 3) or (k, 6) [N, N m]."""
+    # The rows of lam (k, m) are taken at the configurations Q (k, nq).
     names = [b.name for b, c in zip(scene.bounds, scene.constraints, strict=True) if c.axes]
     if not names:
         return {}

@@ -69,11 +69,9 @@ _USUAL = Proximal()
 
 
 def default_solver(scene: Scene) -> Solver:
-    """Return the default solver.
-
-    `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `NullSpace` if there
-    are redundant rows besides.
-    """
+    """Return the default solver."""
+    # `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `NullSpace` if there
+    # are redundant rows besides.
     if not pinocchio_constraints_of(scene).unsupported:
         return _USUAL
     return NullSpace() if scene.nominal.dependent else DenseKKT()

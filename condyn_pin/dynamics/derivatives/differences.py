@@ -43,15 +43,7 @@ BLOCKS = ("da_dq", "da_dv", "da_dtau", "dlam_dq", "dlam_dv", "dlam_dtau")
 
 
 class DifferenceDerivatives(Derivatives):
-    """Central differences of `Reference`, or of a solver of soft constraints itself.
-
-    Attributes
-    ----------
-    step : float
-        The step that was chosen [rad, m, and so on].
-    along : (k, nv) array
-        Orthonormal directions in which q was moved.
-    """
+    """Central differences of `Reference`, or of a solver of soft constraints itself."""
 
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         super().__init__(solution)
@@ -62,9 +54,10 @@ class DifferenceDerivatives(Derivatives):
         terms = self._equations.terms(solution.q, v)
         self._bound = None if workspace.solver.exact else workspace.bound
         redundant = scene.nominal.dependent and workspace.solver.exact
+        # (k, nv) orthonormal directions in which q was moved
         self.along = directions(terms.J, redundant and solution._missed is None)
         self._heaviest = float(np.diag(terms.M).max(initial=0.0))
-        self.step = 0.0
+        self.step = 0.0  # the step that was chosen [rad, m, and so on]
 
     @of_workspace
     def _form(self) -> tuple[Array, Array, Array]:
@@ -130,11 +123,9 @@ def _central(f: Callable[[Array], Array], directions: Array, h: float, size: int
 
 
 def check_derivatives(found: Derivatives, differences: DifferenceDerivatives) -> None:
-    """Raise `DerivativesDisagree` where derivatives differ from central differences.
-
-    By q, where rows are redundant and loops closed, only along the constraints. The largest
-    difference is kept as the `disagreement` of what was `found`.
-    """
+    """Raise `DerivativesDisagree` where derivatives differ from central differences."""
+    # By q, where rows are redundant and loops closed, only along the constraints. The largest
+    # difference is kept as the `disagreement` of what was `found`.
     worst = 0.0
     for name in BLOCKS:
         wanted: Array = getattr(differences, name)

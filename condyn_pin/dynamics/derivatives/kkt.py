@@ -71,10 +71,8 @@ class KktDerivatives(Derivatives):
     @cached_property
     @of_workspace
     def _factored(self) -> tuple[Array, ConstraintBasis, TurningRows | None]:
-        """Right-hand sides (nv + m, 2 nv) of steps of q and v, and the factors that solve them.
-
-        Off the constraints also the rows that are kept.
-        """
+        """Right-hand sides (nv + m, 2 nv) of steps of q and v, and the factors that solve them."""
+        # Off the constraints also the rows that are kept.
         return self._factorise()
 
     def _factorise(self) -> tuple[Array, ConstraintBasis, TurningRows | None]:
@@ -147,11 +145,10 @@ class KktDerivatives(Derivatives):
         return self._by(gravity_regressor(self._workspace.model, self.solution.q))
 
     def by_inertias(self) -> tuple[Array, Array]:
-        """Return the derivatives of a and lam by the inertial parameters of the bodies.
-
-        Ten columns a joint, as `pin.Inertia.toDynamicParameters`: mass, mass times centre of mass,
-        and the inertia about the joint's origin xx xy yy xz yz zz. Armature is not among them.
-        """
+        """Return the derivatives of a and lam by the inertial parameters of the bodies."""
+        # Ten columns a joint, as `pin.Inertia.toDynamicParameters`: mass, mass times centre of
+        # mass, and the inertia about the joint's origin xx xy yy xz yz zz. Armature is not among
+        # them.
         model, of = self._workspace.model, self.solution
         return self._by(inertia_regressor(model, of.q, self._v, of.a))
 
@@ -371,11 +368,9 @@ class Linearisation:
     def by_frame(
         self, q: Array, v: Array, a: Array, lam: Array, name: str, end: int
     ) -> tuple[Array, Array]:
-        """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2 of a constraint, in its axes.
-
-        The frame moves as if a joint held it: its velocity turns by -x x v, and its wrench goes
-        along. The end that stays has no part in it.
-        """
+        """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2 of a constraint, in its axes."""
+        # The frame moves as if a joint held it: its velocity turns by -x x v, and its wrench goes
+        # along. The end that stays has no part in it.
         chain = None
         if self._carried:
             q, v, a, chain = self._carried.state(q, v, a)
@@ -441,15 +436,9 @@ class TurningRows:
         return np.asarray(s - self.N.dot(self.N.T.dot(s)))
 
     def turned(self, lam: Array, turning: Partial, pulling: Partial) -> tuple[Array, Array]:
-        """P dP s and N N^T dP lam (m, k) along k directions in which the rows turn.
-
-        Parameters
-        ----------
-        lam : (m,) array
-            The forces, N^T lam = 0.
-        turning, pulling : callable
-            How J w and J^T z change: (m, k) for a fixed w (nv,), and (nv, k) for a fixed z (m,).
-        """
+        """P dP s and N N^T dP lam (m, k) along k turns of the rows, with N^T lam = 0."""
+        # `turning` and `pulling` are how J w and J^T z change: (m, k) for a fixed w (nv,), and (nv,
+        # k) for a fixed z (m,).
         r, R, D, dead = self.rank, self.R[:, None], self.D[:, None], self._live.stop
         U_r, V_r, values = self._U[:, :r], self._Vt[:r], self._S[:r]
         along = np.linalg.solve(self._T, self.N.T.dot(self.rest))
@@ -471,8 +460,6 @@ class TurningRows:
 
 
 def turning_null_space(linearisation: Linearisation, q: Array, w: Array, N: Array) -> Array:
-    """Return N N^T (dJ w) (m, nv): what keeps lam = J w the smallest as the rows turn.
-
-    On the constraints, where N (m, k) is an orthonormal basis of the left null space of J.
-    """
+    """Return N N^T (dJ w) (m, nv): what keeps lam = J w the smallest as the rows turn."""
+    # On the constraints, where N (m, k) is an orthonormal basis of the left null space of J.
     return np.asarray(N @ (N.T @ linearisation.turning(q, w)))

@@ -112,10 +112,8 @@ def _extrapolated(one: Blocks, twice: Blocks) -> Blocks:
 
 
 def _make_smallest(workspace: Workspace, solution: Solution, found: Blocks) -> None:
-    """Replace what derivatives of lam are along redundant rows by that of the smallest lam.
-
-    N^T dlam = N^T (dJ w) by q, and zero by v and tau.
-    """
+    """Replace what derivatives of lam are along redundant rows by that of the smallest lam."""
+    # N^T dlam = N^T (dJ w) by q, and zero by v and tau.
     q, n, equations = solution.q, len(solution.a), workspace.equations
     J = equations.jacobian(q)
     motions = held_and_free(inverse_factor(equations.mass(q)), J, tolerances.RANK)
@@ -130,12 +128,10 @@ def _make_smallest(workspace: Workspace, solution: Solution, found: Blocks) -> N
 def _check_agreement(
     workspace: Workspace, solution: Solution, mu: float, found: Blocks, rougher: Blocks, most: float
 ) -> None:
-    """Refuse derivatives of a from mu that those from 2 mu do not agree with.
-
-    Those by tau are for torques in proportion to M_jj^1/2, as each joint feels them. What they
-    accelerate are the motions that the rows leave: those by q and v are compared along them. Sums
-    over the columns count, for rounding along one redundant row is the same in all of them.
-    """
+    """Refuse derivatives of a from mu that those from 2 mu do not agree with."""
+    # Those by tau are for torques in proportion to M_jj^1/2, as each joint feels them. What they
+    # accelerate are the motions that the rows leave: those by q and v are compared along them. Sums
+    # over the columns count, for rounding along one redundant row is the same in all of them.
     nominal, n = workspace.scene.nominal, len(solution.a)
     size = max(float(np.abs(solution.a).max()), nominal.estimator.gravity) / 1e3
     felt = np.sqrt(np.diag(workspace.equations.mass(solution.q)))

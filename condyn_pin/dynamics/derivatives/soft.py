@@ -102,11 +102,9 @@ class SoftDerivatives(Derivatives):
 
     @of_workspace
     def by_inertias(self) -> tuple[Array, Array]:
-        """Return the derivatives of a and lam by the inertial parameters of the bodies.
-
-        Ten columns a joint, as `KktDerivatives.by_inertias`; R is among them: compliances change
-        with the inertias of the bodies.
-        """
+        """Return the derivatives of a and lam by the inertial parameters of the bodies."""
+        # Ten columns a joint, as `KktDerivatives.by_inertias`; R is among them: compliances change
+        # with the inertias of the bodies.
         model, of = self._workspace.model, self.solution
         r = inertia_regressor(model, of.q, self._v, of.a)
         s = self._by_w[:, None] * inverse_inertias_by_inertias(self._workspace)

@@ -240,11 +240,9 @@ class Carried:
         return q_free, nu, rate, Chain(Phi, v_q, a_q, a_v, tuple(all_S_q))
 
     def back(self, chain: Chain, by_state: Array, by_a: Array, r: Array) -> Array:
-        """Return [[r_q, r_v], [s_q, s_v]] of the model, from those of that with free bodies.
-
-        `by_a` (n~ + m, n~) is M~ above J~, and r (n~,) are torques and forces that move the bodies
-        so.
-        """
+        """Return [[r_q, r_v], [s_q, s_v]] of the model, from those of that with free bodies."""
+        # `by_a` (n~ + m, n~) is M~ above J~, and r (n~,) are torques and forces that move the
+        # bodies so.
         of_q, of_v = np.hsplit(by_state, 2)
         by_q = of_q @ chain.Phi + of_v @ chain.v_q + by_a @ chain.a_q
         moved = np.hstack([by_q, of_v @ chain.Phi + by_a @ chain.a_v])

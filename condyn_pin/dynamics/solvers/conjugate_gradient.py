@@ -97,12 +97,11 @@ class ConjugateGradient(MatrixFreeSolver):
 def conjugate_gradients(
     product: Callable[[Array], Array], b: Array, P: Array, enough: float, most: int
 ) -> tuple[Array, int]:
-    """Return x with |b - A x|_inf < enough, or the best one met, and the iterations.
-
-    `product` returns A x, of a symmetric and positive semidefinite A; P is an approximate inverse
-    of A. `most` limits the iterations. They also end where m of them in a row have brought nothing,
-    or lead far away, as they do when what is left of b is rounding outside the range of A.
-    """
+    """Return x with |b - A x|_inf < enough, or the best one met, and the iterations."""
+    # `product` returns A x, of a symmetric and positive semidefinite A; P is an approximate inverse
+    # of A. `most` limits the iterations. They also end where m of them in a row have brought
+    # nothing, or lead far away, as they do when what is left of b is rounding outside the range of
+    # A.
     x, r, p = np.zeros_like(b), b.copy(), np.zeros_like(b)
     residual = smallest = np.abs(r).max(initial=0.0)
     best, idle, last, k = x.copy(), 0, 1.0, 0

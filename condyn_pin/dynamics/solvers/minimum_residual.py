@@ -119,13 +119,11 @@ def minimum_residual(
     reduction: float,
     most: int,
 ) -> tuple[Array, int]:
-    """Return x with |b - A x| < reduction |b|, and the iterations, `most` at most.
-
-    `product` returns A x, of a symmetric A, and `precondition` P x of a symmetric and positive
-    definite P; the norm is |r|^2 = r^T P r. Lanczos' three terms make A tridiagonal, with delta and
-    gamma; each Givens rotation (c, s) removes one gamma, and leaves the residual eta. What no x
-    reduces, a part of b outside the range of A, stays.
-    """
+    """Return x with |b - A x| < reduction |b|, and the iterations, `most` at most."""
+    # `product` returns A x, of a symmetric A, and `precondition` P x of a symmetric and positive
+    # definite P; the norm is |r|^2 = r^T P r. Lanczos' three terms make A tridiagonal, with delta
+    # and gamma; each Givens rotation (c, s) removes one gamma, and leaves the residual eta. What no
+    # x reduces, a part of b outside the range of A, stays.
     x, w, w_last, r, r_last = (np.zeros_like(b) for _ in range(5))
     r += b
     z = precondition(r)

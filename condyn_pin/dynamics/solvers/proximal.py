@@ -206,11 +206,9 @@ def _pinocchios(
     at_state: Callable[[], MuAtState] | None,
     rows: OpenRows | None,
 ) -> BoundSolver:
-    """`pin.constraintDynamics` with the settings of the workspace.
-
-    Where the last step of lam is above `accuracy` [N], what `at_state` returns finds better ones;
-    `rows` have the answer where loops are open.
-    """
+    """`pin.constraintDynamics` with the settings of the workspace."""
+    # Where the last step of lam is above `accuracy` [N], what `at_state` returns finds better ones;
+    # `rows` have the answer where loops are open.
     settings, solve = workspace.proximal_settings, pin.constraintDynamics
     model, data = workspace.model, workspace.data
     models, datas = workspace.constraint_models, workspace.constraint_datas
@@ -354,11 +352,9 @@ class OpenRows:
 
     @cached_property
     def redundant_everywhere(self) -> bool:
-        """Rows that are redundant on closed loops are so at every configuration.
-
-        As in a linkage in a plane, and as points of one body are. J is made of analytic functions
-        of q: at a place of no special choice its rank is the largest.
-        """
+        """Rows that are redundant on closed loops are so at every configuration."""
+        # As in a linkage in a plane, and as points of one body are. J is made of analytic functions
+        # of q: at a place of no special choice its rank is the largest.
         workspace, found = self._workspace, self._kept_rows.redundancy
         if self.always_open:
             return False
@@ -437,10 +433,8 @@ class OpenRows:
         return self._cholesky.solve(self._one_right).ravel()[self._m :]  # type: ignore[no-any-return]
 
     def forces(self, lam: Array | None = None) -> Array:
-        """Forces (m,) of the scene's rows, without a part that moves nothing.
-
-        `lam` are those of Pinocchio's rows on closed loops, by default of its last answer.
-        """
+        """Forces (m,) of the scene's rows, without a part that moves nothing."""
+        # `lam` are those of Pinocchio's rows on closed loops, by default of its last answer.
         if self.is_open:
             return self._smallest(self._last.J, np.concatenate(self._c), self._lam)
         lam = self._damped_lam.copy() if lam is None else lam

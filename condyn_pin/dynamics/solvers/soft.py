@@ -34,11 +34,9 @@ DEFAULT_SOLIMP: SolImp = (0.9, 0.95, 0.001, 0.5, 2.0)
 
 
 def impedance(gap: Array, solimp: SolImp) -> Array:
-    """Return the impedance d [1] at each `gap` >= 0 [m, rad].
-
-    It rises from d_0 where the gap is zero to d_width where it is `width`, steepest at the share
-    `midpoint`, along a polynomial of this power.
-    """
+    """Return the impedance d [1] at each `gap` >= 0 [m, rad]."""
+    # It rises from d_0 where the gap is zero to d_width where it is `width`, steepest at the share
+    # `midpoint`, along a polynomial of this power.
     start, end, width, midpoint, power = solimp
     x = np.minimum(gap / width, 1.0)
     below = midpoint * (x / midpoint) ** power
@@ -235,11 +233,9 @@ class Soft(Solver):
 
 
 def inverse_inertias(workspace: Workspace) -> Array:
-    """Return w (m,): what MuJoCo takes for the diagonal of J M^-1 J^T [1/kg, 1/(kg m^2)].
-
-    For a row between two bodies the sum of how far a force at its centre of mass moves each,
-    or to a moment, the mean over three axes; for a coupling, of what each joint does.
-    """
+    """Return w (m,): what MuJoCo takes for the diagonal of J M^-1 J^T [1/kg, 1/(kg m^2)]."""
+    # For a row between two bodies the sum of how far a force at its centre of mass moves each, or
+    # to a moment, the mean over three axes; for a coupling, of what each joint does.
     # imported here: other solvers need no MJCF
     from condyn_pin.io.mjcf_write import drawn_configuration
 
