@@ -403,10 +403,8 @@ def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = No
 
 
 def _with_motors(J: Array, actuation: Actuation) -> tuple[Array, NDArray[np.int_]]:
-    """Return J with coordinates and rows of motors on several joints, and the columns of motors.
-
-    The speed of a motor is its gear times that of its column.
-    """
+    """Return J with coordinates and rows of motors on several joints, and the columns of motors."""
+    # The speed of a motor is its gear times that of its column.
     coupled, (m, n) = actuation.coupled, J.shape
     A = actuation.E.argmax(axis=0)
     if not len(coupled):

@@ -242,10 +242,8 @@ def _middle(plane: SupportPlane, cops: dict[str, Array], pressing: dict[str, Arr
 
 
 def _zero_moment_point(plane: SupportPlane, f: Array, n: Array, noise: float) -> Array:
-    """Return the point of the plane about which f and n leave a moment along the normal alone.
-
-    NaN where the load is no more than `noise` [N]: in the air it is what rounding leaves.
-    """
+    """Return the point of the plane about which f and n leave a moment along the normal alone."""
+    # NaN where the load is no more than `noise` [N]: in the air it is what rounding leaves.
     p, normal = plane.origin, plane.axes[2]
     load = float(f @ normal)
     if not load > noise:
@@ -343,23 +341,12 @@ _CORRECTIONS = 20  # of a posture by Newton's method
 
 
 class _Posture(NamedTuple):
-    """Posture with the mass moved along, and the joint motion that moves it on.
+    """Posture with the mass moved along, and the joint motion that moves it on."""
 
-    Attributes
-    ----------
-    s : float
-        How far it has moved [m].
-    q : (nq,) array
-    x : (nv,) array
-        Of the joints, for one metre of the mass.
-    Y : (nv, k) array
-        Motions that neither the contacts nor the mass notice.
-    """
-
-    s: float
-    q: Array
-    x: Array
-    Y: Array
+    s: float  # how far it has moved [m]
+    q: Array  # (nq,)
+    x: Array  # (nv,) of the joints, for one metre of the mass
+    Y: Array  # (nv, k) motions that neither the contacts nor the mass notice
 
 
 class _Ahead(NamedTuple):

@@ -166,10 +166,8 @@ class References:
                 self._numbers[start:end] = at(0.0)
 
     def at(self, t: float) -> Array:
-        """Return x_r, v_r and a_r of all tasks one after the other, then s, s' and s'' of rows.
-
-        The next call overwrites them.
-        """
+        """Return x_r, v_r and a_r of all tasks one after the other, then s, s' and s'' of rows."""
+        # The next call overwrites them.
         for at, where in self._moving:
             self._numbers[where] = at(t)
         if self._paths.size:
@@ -206,10 +204,8 @@ class CompiledTick:
         self._size = self._parts[-1] + sum(len(bound.names) for _, bound in tasks)
 
     def solve(self, q: Array, v: Array, t: float, passive: Array) -> ControlAnswer | None:
-        """Return the answer of one tick; None where Python has to answer.
-
-        The swing of joints that are taken for rigid is in `v`, and left out there.
-        """
+        """Return the answer of one tick; None where Python has to answer."""
+        # The swing of joints that are taken for rigid is in `v`, and left out there.
         if np.abs(self._program.gaps(q, t)).max(initial=0.0) > tolerances.OPEN:
             return None  # redundant rows look independent there
         out = np.empty(self._size)

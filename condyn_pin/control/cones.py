@@ -21,21 +21,10 @@ from condyn_pin.errors import InvalidArgument, unknown_name
 
 
 class ContactCones:
-    """The contacts of a scene that have a cone, their rows and their inequalities.
+    """The contacts of a scene that have a cone, their rows and their inequalities."""
 
-    Attributes
-    ----------
-    touching, held : (m_c,), (m - m_c,) int array
-        Rows of the scene that belong to contacts with a cone, and the others.
-    names : tuple of str
-        Of the inequalities: the contact, and what it does where the row is violated.
-    lower, upper : (r,) array
-        Bounds of the inequalities: A lam <= 0, but A lam = 0 for independent rows of cones without
-        friction, which leaves nothing to the others.
-    constant : (r, m_c) array or None
-        A, where no cone turns with the robot; not to be written to.
-    """
-
+    # touching (m_c,), held (m - m_c,): rows of the scene that belong to contacts with a cone, and
+    # the others
     touching: NDArray[np.int_]
     held: NDArray[np.int_]
 
@@ -61,11 +50,15 @@ class ContactCones:
             last.add(bound, block)
             lower += last.bounds[0].tolist()
             upper += last.bounds[1].tolist()
+        # of the inequalities: the contact, and what it does where the row is violated
         self.names = tuple(names)
+        # lower, upper (r,): bounds of the inequalities: A lam <= 0, but A lam = 0 for independent
+        # rows of cones without friction, which leaves nothing to the others
         self.lower, self.upper = np.array(lower), np.array(upper)
         self.touching, self.held = np.flatnonzero(is_touching), np.flatnonzero(~is_touching)
         self._shape = (row, column)
         turns = any(group.turns for group in self._groups)
+        # (r, m_c) A, where no cone turns with the robot; not to be written to
         self.constant: Array | None = None if turns else self.standing
 
     @property
@@ -93,28 +86,17 @@ class ContactCones:
 
 
 class TurningCone(NamedTuple):
-    """A cone whose axes turn with the robot, as numbers.
+    """A cone whose axes turn with the robot, as numbers."""
 
-    Attributes
-    ----------
-    block : (slice, slice)
-        Its rows among those of all cones, and the forces among those of all contacts.
-    bound : Bound
-        The contact.
-    cone : Cone
-    edge : int
-        The axis of an edge, or -1 of a point.
-    floor : (3, 3) array
-        The axes of the floor in the world by rows; of an edge the first is the vertical.
-    A, to_wrench : array
-        Of A T lam <= 0: over forces in the axes of the floor, and what the rows transmit.
-    """
-
+    # its rows among those of all cones, and the forces among those of all contacts
     block: tuple[slice, slice]
-    bound: Any
+    bound: Any  # the contact
     cone: Cone
-    edge: int
+    edge: int  # the axis of an edge, or -1 of a point
+    # (3, 3) the axes of the floor in the world by rows; of an edge the first is the vertical
     floor: Array
+    # A, to_wrench: of A T lam <= 0: over forces in the axes of the floor, and what the rows
+    # transmit
     A: Array
     to_wrench: Array
 

@@ -322,13 +322,7 @@ class Controller(OneThread):
 
 
 class PythonTick:
-    """The tick of one controller, with the active set of the last one.
-
-    Attributes
-    ----------
-    polished : list of Polished or None
-        The last answer of each level with its active set, of those that were asked for.
-    """
+    """The tick of one controller, with the active set of the last one."""
 
     def __init__(
         self, program: Program, scene: Scene, cones: Cones, actuation: Actuation,
@@ -338,6 +332,7 @@ class PythonTick:
         self._cones, self._actuation = cones, actuation
         self._cascade, self._arguments = cascade, arguments
         self._still = np.zeros(scene.robot.nv)
+        # the last answer of each level with its active set, of those that were asked for
         self.polished: list[Polished | None] = []
 
     @one_blas_thread

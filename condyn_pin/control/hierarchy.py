@@ -280,14 +280,9 @@ class Row:
 
 
 class Rows(NamedTuple):
-    """Rows of tasks: G x = b, as far as they can be had.
+    """Rows of tasks: G x = b, as far as they can be had."""
 
-    Attributes
-    ----------
-    G, b : (r, c), (r,) array
-        Over the first c unknowns; the others have no part in them.
-    """
-
+    # G (r, c), b (r,): over the first c unknowns; the others have no part in them
     G: Array
     b: Array
 
@@ -297,25 +292,13 @@ class Rows(NamedTuple):
 
 
 class Level(NamedTuple):
-    """Rows of tasks and what they count: w |G x - b|^2.
-
-    Attributes
-    ----------
-    rows : Rows
-    weights : (r,) array
-    changing : slice or int array
-        The rows of G that change from tick to tick.
-    W : (s, n) array
-        Their weights, for each of their entries; not to be written to.
-    H : (n, n) array
-        G^T w G of the others, and the regularisation; not to be written to.
-    """
+    """Rows of tasks and what they count: w |G x - b|^2."""
 
     rows: Rows
-    weights: Array
-    changing: slice | Indices
-    W: Array
-    H: Array
+    weights: Array  # (r,)
+    changing: slice | Indices  # the rows of G that change from tick to tick
+    W: Array  # (s, n) their weights, for each of their entries; not to be written to
+    H: Array  # (n, n) G^T w G of the others, and the regularisation; not to be written to
 
 
 class Stack:
@@ -375,10 +358,8 @@ class Stack:
         return sum((w * J.T @ J for w, J in fixed), np.zeros((nv, nv)))
 
     def at(self, motion: Motion, t: float) -> tuple[Array, Array, Array]:
-        """Return rows of accelerations (r, nv), of forces (s, m), and what they want (r + s,).
-
-        They are in the memory of this object: the next call overwrites them.
-        """
+        """Return rows of accelerations (r, nv), of forces (s, m), and what they want (r + s,)."""
+        # They are in the memory of this object: the next call overwrites them.
         for name, each, J, b in self._places:
             found, wanted = each.rows(motion, t)
             # of arrays at once: `np.shape` takes a microsecond

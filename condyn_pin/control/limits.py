@@ -156,16 +156,9 @@ class AccelerationBounds:
         self.names = entry_names(model, self.columns)
 
     def at(self, q: Array, v: Array, inertia: Array, load: Array) -> tuple[Array, Array]:
-        """Bounds (k,) of the accelerations at a state; infinite where there is none.
-
-        Parameters
-        ----------
-        q, v : (nq,), (nv,) array
-        inertia : (nv,) array
-            What each entry of v feels if the others stand still: the diagonal of M.
-        load : (nv,) array
-            What motors have to give for a = 0, h - passive [N m, N].
-        """
+        """Bounds (k,) of the accelerations at a state; infinite where there is none."""
+        # `inertia` (nv,) is what each entry of v feels if the others stand still, the diagonal of
+        # M, and `load` (nv,) what motors have to give for a = 0, h - passive [N m, N].
         if self.dt is None:
             return -self.most[self.columns], self.most[self.columns]
         joints, (highest, lowest) = self.joints, self.reach
@@ -222,20 +215,10 @@ class AccelerationBounds:
 
 
 def stopping(d: Array, v: Array, brake: Array, most: Array, dt: float) -> Array:
-    """Largest accelerations (k,) from which a stop ahead is not passed, kept for dt or less.
-
-    Parameters
-    ----------
-    d : (k,) array
-        Distances to the stop, negative beyond it [rad, m].
-    v : (k,) array
-        Velocities towards it [rad/s, m/s].
-    brake, most : (k,) array
-        What is counted on to stop the joint, and what returns it where it can no longer be stopped
-        [rad/s^2, m/s^2].
-    dt : float
-        [s]
-    """
+    """Largest accelerations (k,) from which a stop ahead is not passed, kept for dt [s] or less."""
+    # d (k,) are distances to the stop, negative beyond it, and v the velocities towards it; `brake`
+    # is counted on to stop the joint, `most` returns it where it can no longer be stopped
+    # [rad/s^2].
     far = np.minimum(2.0 * d - dt * v, UNLIMITED)  # what w has, to brake and for its way within dt
     w = 2.0 * far / (dt + np.sqrt(dt**2 + 4.0 * np.maximum(far, 0.0) / brake))
     ahead = np.maximum((w - v) / dt, -most)
@@ -252,19 +235,12 @@ def _is_lost(d: Array, v: Array, brake: Array) -> NDArray[np.bool_]:
 
 
 class TorqueLimits(NamedTuple):
-    """Limits of the torques t = gears u of motors, least <= L t <= most.
+    """Limits of the torques t = gears u of motors, least <= L t <= most."""
 
-    Attributes
-    ----------
-    names : tuple of str
-        Of the joints on which motors act, then of motors on several joints, if they have a limit.
-    L : (l, k) array
-    least, most : (l,) array
-        [N m, N]
-    """
-
+    # of the joints on which motors act, then of motors on several joints, if they have a limit
     names: tuple[str, ...]
-    L: Array
+    L: Array  # (l, k)
+    # least, most (l,): [N m, N]
     least: Array
     most: Array
 
@@ -291,10 +267,8 @@ def _efforts(robot: Robot) -> Array:
 
 
 def _largest_torque(actuation: Actuation, side: float) -> Array:
-    """Largest torque of the motors upwards (1) or downwards (-1) on each entry of v (nv,).
-
-    Infinite where none acts.
-    """
+    """Largest torque of the motors upwards (1) or downwards (-1) on each entry of v (nv,)."""
+    # Infinite where none acts.
     B, (least, most) = side * actuation.B, actuation.limits
     with np.errstate(invalid="ignore"):  # of zero times infinity
         found = np.where(B == 0.0, 0.0, np.maximum(B * least, B * most)).sum(axis=1)
@@ -371,15 +345,8 @@ class Settings:
 
 
 def locked_velocity(v: Array, M: Array, J: Array, rigid: Array) -> Array:
-    """Return the velocity (nv,) after joints were locked at once.
-
-    Parameters
-    ----------
-    v : (nv,) array
-    M : (nv, nv) array
-    J, rigid : (m, nv), (r, nv) array
-        Rows that keep their velocities, and a row of the identity for each of the joints.
-    """
+    """Velocity (nv,) after joints were locked at once; rows J (m, nv) keep theirs."""
+    # `rigid` has a row of the identity for each of the joints.
     rows = np.vstack((J, rigid))
     change = np.concatenate((np.zeros(len(J)), -(rigid @ v)))
     # what is added is the same for all that keep the rows: springs may carry links without mass

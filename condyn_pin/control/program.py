@@ -60,35 +60,12 @@ _NAMED: Final = 3
 
 
 class Program:
-    """The program of a scene and its tasks; memory that changes from tick to tick.
+    """The program of a scene and its tasks; memory that changes from tick to tick."""
 
-    Attributes
-    ----------
-    equations : Equations
-    cones : ContactCones
-    motion : Motion
-        At the state of the last tick.
-    passive : (nv,) array
-        Torques that act anyway, in the last tick.
-    mass : float
-        Of the robot [kg].
-    actuation : Actuation
-    torque : TorqueLimits
-        Limits of the motors that count.
-    bounds : AccelerationBounds
-    hard : Stack
-        Tasks that are equations.
-    levels : list of Stack
-        The others.
-    rigid : (k, nv) array
-        A row of the identity for each joint that is taken for rigid.
-    left_out : LeftOut or None
-        Combinations of the held rows that were left out in the last tick; None if they were closed,
-        and stayed so.
-    """
-
+    # combinations of the held rows that were left out in the last tick; None if they were closed,
+    # and stayed so
     left_out: LeftOut | None = None
-    passive: Array
+    passive: Array  # (nv,) torques that act anyway, in the last tick
     _asked: list[tuple[Stack, Rows]]  # by the tasks of the last tick
 
     def __init__(
@@ -105,20 +82,23 @@ class Program:
     ) -> None:
         self._scene, robot = scene, scene.robot
         self.cones, self.equations = cones, equations
-        self.motion = Motion(scene, equations)
-        self.mass = robot.mass
+        self.motion = Motion(scene, equations)  # at the state of the last tick
+        self.mass = robot.mass  # of the robot [kg]
         self._regularisation = regularisation
         self.actuation, self._touching = actuation, entries(cones.touching)
         self.bounds = AccelerationBounds(limits, actuation)
+        # limits of the motors that count
         self.torque = TorqueLimits.of(actuation, count=limits.torque)
         self._constraints = TickConstraints(cones, self.bounds, self.torque, self.mass)
         tasks = [task for level in levels for task in level]
         hard = [task for task in tasks if isinf(task.weight)]
-        self.hard = Stack(scene, hard, home)
+        self.hard = Stack(scene, hard, home)  # tasks that are equations
+        # the others
         self.levels = [
             Stack(scene, [task for task in level if task not in hard], home) for level in levels
         ]
         self.inequalities = self._inequality_rows()
+        # (k, nv) A row of the identity for each joint that is taken for rigid
         self.rigid = rigid_rows(robot, rigid, actuation.columns)
         self._rigid_rest = np.zeros(len(self.rigid))
         self._none, self._no_loops = np.zeros((0, 0)), np.zeros((0, robot.nv))
@@ -173,10 +153,8 @@ class Program:
     def assemble(
         self, q: Array, v: Array, t: float, passive: Array
     ) -> tuple[Constraints, list[Level]]:
-        """Return the constraints of a tick, and the levels of its tasks.
-
-        They are in the memory of this object: the next tick overwrites them.
-        """
+        """Return the constraints of a tick, and the levels of its tasks."""
+        # They are in the memory of this object: the next tick overwrites them.
         gaps = self.gaps(q, t)  # before the motion, whose velocities it overwrites
         self.equations.at(t)
         self.motion.move(q, v)
@@ -382,18 +360,9 @@ class TickConstraints:
         self._least, self._most = limits.least / mass, limits.most / mass
 
     def of(self, at: Reduction, wished: Rows, motion: Motion, load: Array) -> Constraints:
-        """Return the constraints of a tick; overwritten by the next call.
-
-        Parameters
-        ----------
-        at : Reduction
-        wished : Rows
-            Of the tasks that are equations.
-        motion : Motion
-            The state, for joints near their limits and cones that turn.
-        load : (nv,) array
-            h - passive [N m, N].
-        """
+        """Return the constraints of a tick; overwritten by the next call."""
+        # `wished` are rows of the tasks that are equations, `motion` is the state, for joints near
+        # their limits and cones that turn, and `load` (nv,) is h - passive [N m, N].
         if at.sizes != self._sizes:
             self._sizes, self._memory = at.sizes, self._blank(at, wished)
         A, b, _, _, _ = self._memory
@@ -438,11 +407,9 @@ class TickConstraints:
             C[last:, k : k + len(at.touch)] = self._cones.rows(motion.data.oMi)
 
     def _within_reach(self, touch: Array, wanted: Array) -> Array:
-        """Return the accelerations that contacts demand, or the nearest that their rows reach.
-
-        Two points of a foot that turns cannot both keep their places: equations that contradict
-        each other would leave no torques at all.
-        """
+        """Return the accelerations that contacts demand, or the nearest that their rows reach."""
+        # Two points of a foot that turns cannot both keep their places: equations that contradict
+        # each other would leave no torques at all.
         if self._redundant is False:
             return wanted
         best, rank = nearest_reachable(touch, wanted)
@@ -470,18 +437,10 @@ class TickConstraints:
 
 @dataclass(frozen=True, eq=False)
 class Elimination:
-    """The maps of one configuration.
+    """The maps of one configuration."""
 
-    Attributes
-    ----------
-    N : (nv, k) array
-        Orthonormal basis of the accelerations that the held rows leave.
-    inner : (motors, w) array
-        Torques that do nothing: Y_2.
-    """
-
-    N: Array
-    inner: Array
+    N: Array  # (nv, k) orthonormal basis of the accelerations that the held rows leave
+    inner: Array  # (motors, w) torques that do nothing: Y_2
     _drive: Any  # Y_1 s^-1 X_1^T; or the entries that it takes
     _undriven: Any  # X_2^T, likewise
     _Q: Array
@@ -545,12 +504,9 @@ class Elimination:
         return np.asarray(self._Q @ dtrtrs(self._R, r[independent], trans=1)[0])
 
     def forces(self, f: Array) -> Array:
-        """Return lam (m,) of the held rows with J^T lam = f, the smallest if many.
-
-        Where rows are redundant, J^T P = Q_1 (R, R'), it is, with W = R^-1 R',
-
-            P^T lam = (y, W^T y),    (1 + W W^T) y = R^-1 Q_1^T f.
-        """
+        """Return lam (m,) of the held rows with J^T lam = f, the smallest if many."""
+        # Where rows are redundant, J^T P = Q_1 (R, R'), it is, with W = R^-1 R',
+        #     P^T lam = (y, W^T y),    (1 + W W^T) y = R^-1 Q_1^T f.
         from scipy.linalg.lapack import dtrtrs
 
         rank = len(self._R)
@@ -585,11 +541,9 @@ def nearest_reachable(J: Array, r: Array) -> tuple[Array, int]:
 
 
 def _pivoted_qr(A: Array, columns: int) -> tuple[Array, Array, NDArray[np.int_], int]:
-    """Return Q (m, columns), R, pivots and rank of A (m, n) with Q R = A[:, pivots].
-
-    R is in the upper triangle; what is below is no part of it. LAPACK is asked itself: for matrices
-    of this size what `scipy.linalg.qr` does around it takes as long.
-    """
+    """Return Q (m, columns), R, pivots and rank of A (m, n) with Q R = A[:, pivots]."""
+    # R is in the upper triangle; what is below is no part of it. LAPACK is asked itself: for
+    # matrices of this size what `scipy.linalg.qr` does around it takes as long.
     # imported here: scipy.linalg takes as long to import as Pinocchio
     from scipy.linalg.lapack import dgeqp3, dorgqr
 
@@ -614,31 +568,19 @@ def _pivoted_qr(A: Array, columns: int) -> tuple[Array, Array, NDArray[np.int_],
 
 
 class Reduction(NamedTuple):
-    """The equations of a tick over z and f = lam_c / m.
-
-    Attributes
-    ----------
-    map : Elimination
-    a_0 : (nv,) array
-        What the held rows alone demand [rad/s^2, m/s^2].
-    J_c, touch : (m_c, nv), (m_c, k) array
-        Rows of contacts with a cone, over a and over z.
-    wanted : (m_c,) array
-        What they demand of z [m/s^2, rad/s^2].
-    unreached, unreached_0 : (p, k + m_c), (p,) array
-        What no motor reaches of N^T (M a + h - passive - J_c^T lam_c) / m, over (z, f) and with
-        both zero.
-    torque, torque_0 : (motors, n), (motors,) array
-        T and t_0: what motors give, over x and with x = 0.
-    """
+    """The equations of a tick over z and f = lam_c / m."""
 
     map: Elimination
-    a_0: Array
+    a_0: Array  # (nv,) what the held rows alone demand [rad/s^2, m/s^2]
+    # J_c (m_c, nv), touch (m_c, k): rows of contacts with a cone, over a and over z
     J_c: Array
     touch: Array
-    wanted: Array
+    wanted: Array  # (m_c,) what they demand of z [m/s^2, rad/s^2]
+    # unreached (p, k + m_c), unreached_0 (p,): what no motor reaches of N^T (M a + h - passive -
+    # J_c^T lam_c) / m, over (z, f) and with both zero
     unreached: Array
     unreached_0: Array
+    # torque (motors, n), torque_0 (motors,): T and t_0: what motors give, over x and with x = 0
     torque: Array
     torque_0: Array
 
@@ -651,21 +593,9 @@ class Reduction(NamedTuple):
 def reduced_equations(
     terms: Terms, given: Array, E: Elimination, held: Array, J_c: Array, r_c: Array, mass: float
 ) -> Reduction:
-    """Return the equations over z and lam_c / m.
-
-    Parameters
-    ----------
-    terms : Terms
-    given : (nv,) array
-        h - passive [N m, N].
-    E : Elimination
-        Of the rows that are held.
-    held, r_c : (l,), (m_c,) array
-        What these rows and those of the contacts have to be, J_l a and J_c a [m/s^2, rad/s^2].
-    J_c : (m_c, nv) array
-    mass : float
-        Of the robot [kg].
-    """
+    """Return the equations over z and lam_c / m, with the held rows eliminated by E."""
+    # `given` (nv,) is h - passive [N m, N]; `held` (l,) and r_c (m_c,) are what the held rows and
+    # those of the contacts J_c (m_c, nv) have to be, J_l a and J_c a [m/s^2, rad/s^2].
     a_0 = E.particular(held)
     if E.holds:
         given, r_c = given + terms.M @ a_0, r_c - J_c @ a_0

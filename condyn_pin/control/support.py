@@ -176,10 +176,9 @@ def check_touching(points: Array) -> None:
 
 
 def plane_of(points: Array, up: Array) -> SupportPlane | None:
-    """Return the plane of points (k, 3), its normal upwards; None if they are on none.
-
-    Points on a line, or a single one, are on many planes: the one that is nearest to level counts.
-    """
+    """Return the plane of points (k, 3), its normal upwards; None if they are on none."""
+    # Points on a line, or a single one, are on many planes: the one that is nearest to level
+    # counts.
     origin = points.mean(axis=0)
     _, S, Vt = np.linalg.svd(points - origin, full_matrices=True)
     spread = np.zeros(3)
@@ -245,24 +244,13 @@ def _turn(a: Array, b: Array, c: Array) -> float:
 
 
 class Pressure(NamedTuple):
-    """Corners that touch a floor at one instant, and the pressure and force of each contact.
+    """Corners that touch a floor at one instant, and the pressure and force of each contact."""
 
-    Attributes
-    ----------
-    points : (k, 3) array
-        The corners of what touches, in the world [m].
-    exerted : (6,) array
-        The wrench on the robot about the origin of the world, force first [N, N m].
-    cops : dict of str to (3,) array
-        Centre of pressure of each contact; NaN of those that do not press [m].
-    forces : dict of str to (3,) array
-        On the robot, of those that press, in the world [N].
-    """
-
-    points: Array
+    points: Array  # (k, 3) the corners of what touches, in the world [m]
+    # (6,) the wrench on the robot about the origin of the world, force first [N, N m]
     exerted: Array
-    cops: dict[str, Array]
-    forces: dict[str, Array]
+    cops: dict[str, Array]  # centre of pressure of each contact; NaN of those that do not press [m]
+    forces: dict[str, Array]  # on the robot, of those that press, in the world [N]
 
 
 def floor_pressure(at: Sites, lam: Array) -> Pressure:

@@ -49,27 +49,13 @@ _FROM_ELASTIC = 50
 
 @dataclass(frozen=True, eq=False)
 class ChainAnswer:
-    """Answer of a program, or the least relaxation of its rows.
+    """Answer of a program, or the least relaxation of its rows."""
 
-    Attributes
-    ----------
-    answer : Polished or None
-        The best that was found, if any.
-    elastic : Elastic or None
-        What rows have to give, where nothing answers the program.
-    path : tuple of str
-        The solvers that were tried, in order.
-    iterations : int
-        Of the solvers.
-    stopped : bool
-        Whether the budget ended the search.
-    """
-
-    answer: Polished | None
-    elastic: Elastic | None
-    path: tuple[str, ...]
-    iterations: int
-    stopped: bool = False
+    answer: Polished | None  # the best that was found, if any
+    elastic: Elastic | None  # what rows have to give, where nothing answers the program
+    path: tuple[str, ...]  # the solvers that were tried, in order
+    iterations: int  # of the solvers
+    stopped: bool = False  # whether the budget ended the search
 
     @property
     def solved(self) -> bool:
@@ -92,14 +78,7 @@ class SolverLadder:
     def solve(
         self, program: QuadraticProgram, costs: Callable[[], tuple[Array, Array]]
     ) -> ChainAnswer:
-        """Return the answer of a program, or the least relaxation of its rows.
-
-        Parameters
-        ----------
-        program : QuadraticProgram
-        costs : callable
-            Returns what rows cost that give: of equations and of inequalities (`elastic`).
-        """
+        """Return the answer of a program, or the least relaxation of its rows."""
         return self._quietly(program, costs)
 
     def _solve(
@@ -200,11 +179,9 @@ def _with_equations(program: QuadraticProgram) -> QuadraticProgram:
 
 
 def _independent(program: QuadraticProgram) -> QuadraticProgram | None:
-    """Return the program with independent equations; None if they contradict each other.
-
-    Each equation is divided by its size: that of a rod that spins is 1e-6 of that of a force, and
-    as independent of the others.
-    """
+    """Return the program with independent equations; None if they contradict each other."""
+    # Each equation is divided by its size: that of a rod that spins is 1e-6 of that of a force, and
+    # as independent of the others.
     from scipy.linalg import lstsq, qr
     from scipy.linalg.lapack import dpotrf
 

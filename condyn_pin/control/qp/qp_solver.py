@@ -48,18 +48,12 @@ Verdict = Literal["solved", "infeasible", "failed"]
 
 
 class Constraints(NamedTuple):
-    """Equations and inequalities of programs with the same unknowns, whatever their objective.
+    """Equations and inequalities of programs with the same unknowns, whatever their objective."""
 
-    Attributes
-    ----------
-    A, b : (p, n), (p,) array
-        Equations [1], [m/s^2]; rows may depend on each other.
-    C, lower, upper : (r, n), (r,), (r,) array
-        Inequalities [1], [m/s^2].
-    """
-
+    # A (p, n), b (p,): equations [1], [m/s^2]; rows may depend on each other
     A: Array
     b: Array
+    # C (r, n), lower (r,), upper (r,): inequalities [1], [m/s^2]
     C: Array
     lower: Array
     upper: Array
@@ -152,19 +146,12 @@ def _blas() -> Any:
 
 
 class QPResult(NamedTuple):
-    """Answer of a solver of quadratic programs, not yet checked.
+    """Answer of a solver of quadratic programs, not yet checked."""
 
-    Attributes
-    ----------
-    x, z : (n,), (r,) array
-        Answer, and multipliers of the inequalities; they tell which rows are active.
-    verdict : {"solved", "infeasible", "failed"}
-        What the solver itself says; it is not checked yet.
-    iterations : int
-    """
-
+    # x (n,), z (r,): answer, and multipliers of the inequalities; they tell which rows are active
     x: Array
     z: Array
+    # what the solver itself says; it is not checked yet
     verdict: Verdict
     iterations: int
 
@@ -334,28 +321,17 @@ Flags = NDArray[np.bool_]
 
 
 class Polished(NamedTuple):
-    """The answer of a program on an active set, and its KKT residual.
-
-    Attributes
-    ----------
-    x, y, z : (n,), (p,), (r,) array
-    at_lower, at_upper : (r,) bool array
-        The active rows.
-    active : (k,) int array
-        Their numbers.
-    residual : float
-    settled : bool
-        Whether no row would become active or be released.
-    """
+    """The answer of a program on an active set, and its KKT residual."""
 
     x: Array
     y: Array
     z: Array
+    # at_lower, at_upper (r,): the active rows
     at_lower: Flags
     at_upper: Flags
-    active: Indices
+    active: Indices  # (k,) their numbers
     residual: float
-    settled: bool = False
+    settled: bool = False  # whether no row would become active or be released
 
     @classmethod
     def rough(cls, x: Array, y: Array, z: Array, at_lower: Flags, at_upper: Flags) -> Polished:
@@ -380,18 +356,8 @@ def start_from_active_set(
 def polish(
     program: QuadraticProgram, rough: Polished, tolerance: float, rounds: int, saddle: Saddle
 ) -> Polished:
-    """Return the answer that the active-set method ends at, or the best of some rounds.
-
-    Parameters
-    ----------
-    program : QuadraticProgram
-    rough : Polished
-    tolerance : float
-        Violations of rows below it are rounding [m/s^2].
-    rounds : int
-    saddle : Saddle
-        Memory.
-    """
+    """Return the answer that the active-set method ends at, or the best of some rounds."""
+    # Violations of rows below `tolerance` are rounding [m/s^2].
     best = now = rough
     for _ in range(rounds):
         now = _on_active_rows(program, now, saddle)
@@ -474,21 +440,14 @@ def _active_equations(
 
 @dataclass(frozen=True, eq=False)
 class Elastic:
-    """Least relaxation of the rows of a program.
+    """Least relaxation of the rows of a program."""
 
-    Attributes
-    ----------
-    x : (n,) array
-        A point where they give no more than that.
-    of_equations, of_inequalities : (p,), (r,) array
-        What each gives.
-    against_equations, against_inequalities : (p,), (r,) array
-        Multipliers: what giving would save, of rows that stand in the way.
-    """
-
-    x: Array
+    x: Array  # (n,) A point where they give no more than that
+    # of_equations (p,), of_inequalities (r,): what each gives
     of_equations: Array
     of_inequalities: Array
+    # against_equations (p,), against_inequalities (r,): multipliers: what giving would save, of
+    # rows that stand in the way
     against_equations: Array
     against_inequalities: Array
 
@@ -496,16 +455,9 @@ class Elastic:
 def elastic(
     program: QuadraticProgram, equations: Array, inequalities: Array, *, most: int | None = None
 ) -> Elastic | None:
-    """Return the least relaxation of the rows; None if HiGHS finds none.
-
-    Parameters
-    ----------
-    program : QuadraticProgram
-    equations, inequalities : (p,), (r,) array
-        The cost c of a row for what it gives; infinite for rows that never give.
-    most : int, optional
-        Iterations of HiGHS; its own limit by default.
-    """
+    """Return the least relaxation of the rows; None if HiGHS finds none in `most` iterations."""
+    # `equations` (p,) and `inequalities` (r,) are the cost c of a row for what it gives; infinite
+    # for rows that never give.
     # imported here: scipy.optimize takes as long to import as Pinocchio
     from scipy.optimize import linprog
 

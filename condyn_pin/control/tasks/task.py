@@ -63,19 +63,13 @@ class Point(NamedTuple):
 
 
 class Motion:
-    """The robot of a scene at one state, in the memory of its equations.
+    """The robot of a scene at one state, in the memory of its equations."""
 
-    Attributes
-    ----------
-    q, v : (nq,), (nv,) array
-        Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear first.
-    terms : Terms
-        M, h, J, gamma and a_ref of the scene.
-    """
-
+    # q (nq,), v (nv,): configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame,
+    # linear first
     q: Array
     v: Array
-    terms: Terms
+    terms: Terms  # M, h, J, gamma and a_ref of the scene
 
     def __init__(self, scene: Scene, equations: Equations) -> None:
         self.scene = scene
@@ -208,34 +202,16 @@ class CompiledTask(NamedTuple):
     """The rows of one task: a_r + kp (x_r - x) + kd (v_r - v), or x_r of a force.
 
     Of a capture point x_r is where the mass belongs, in the axes of the floor, and its edges.
-
-    Attributes
-    ----------
-    kind : int
-    sizes : (int, int)
-        Of x_r, and of v_r and a_r.
-    gains : (float, float)
-        kp [1/s^2] and kd [1/s]; of a capture point k [1] and omega [1/s].
-    follow : callable
-        Returns the reference as a function of t; asked for once.
-    changes : bool
-        Whether it depends on t.
-    at : int
-        The joint of its frame, where q holds its joint, or the contact in the scene.
-    placement : pin.SE3, optional
-        Of its frame on the joint, or of the floor.
-    columns : sequence of int
-        Entries of v, where rows are entries of a.
     """
 
     kind: int
-    sizes: tuple[int, int]
-    gains: tuple[float, float]
-    follow: Callable[[], Follow]
-    changes: bool
-    at: int = 0
-    placement: Any = None
-    columns: tuple[int, ...] = ()
+    sizes: tuple[int, int]  # of x_r, and of v_r and a_r
+    gains: tuple[float, float]  # kp [1/s^2] and kd [1/s]; of a capture point k [1] and omega [1/s]
+    follow: Callable[[], Follow]  # returns the reference as a function of t; asked for once
+    changes: bool  # whether it depends on t
+    at: int = 0  # the joint of its frame, where q holds its joint, or the contact in the scene
+    placement: Any = None  # of its frame on the joint, or of the floor
+    columns: tuple[int, ...] = ()  # entries of v, where rows are entries of a
 
 
 # The contract of a task, and how to write one.
@@ -248,29 +224,15 @@ DefaultReference = Callable[[], Array]
 
 @dataclass(frozen=True, eq=False)
 class BoundTask:
-    """A task bound to one scene.
+    """A task bound to one scene."""
 
-    Attributes
-    ----------
-    over : {"accelerations", "forces"}
-        Of what its rows are.
-    names : tuple of str
-        Of the rows.
-    unit : str
-        Of b and of the errors of its rows.
-    rows : callable
-        Of (motion, t); returns J (r, nv) or (r, m) and b (r,).
-    compiled : CompiledTask, optional
-        The same for the compiled core.
-    fixed : (r, nv) array, optional
-        J, where it is the same in every tick: its part of the program is computed once.
-    """
-
-    over: Literal["accelerations", "forces"]
-    names: tuple[str, ...]
-    unit: str
+    over: Literal["accelerations", "forces"]  # of what its rows are
+    names: tuple[str, ...]  # of the rows
+    unit: str  # of b and of the errors of its rows
+    # of (motion, t); returns J (r, nv) or (r, m) and b (r,)
     rows: Callable[[Motion, float], tuple[Array, Array]]
-    compiled: CompiledTask | None = None
+    compiled: CompiledTask | None = None  # the same for the compiled core
+    # (r, nv) J, where it is the same in every tick: its part of the program is computed once
     fixed: Array | None = None
 
 
@@ -404,16 +366,9 @@ class Tracking(Task):
     def _feedback(
         self, size: int, start: Callable[[], Any], error: Callable[[Any], Callable[[Any], Array]]
     ) -> Callable[[Any, Array, float], Array]:
-        """Return a_wanted (size,) as a function of x, v and t.
-
-        Parameters
-        ----------
-        size : int
-        start : callable
-            Returns the reference where none was given.
-        error : callable
-            Of a reference; returns a function of x: how far it is from the reference (size,).
-        """
+        """Return a_wanted (size,) as a function of x, v and t."""
+        # `start` returns the reference where none was given. `error`, of a reference, returns a
+        # function of x: how far it is from the reference (size,).
         if self.a is not None:
             fixed = finite(f"{self.name}.a", np.atleast_1d(self.a), size)
             return lambda x, v, t: fixed
