@@ -40,33 +40,15 @@ from condyn_pin.errors import InvalidArgument
 
 
 class Condensed(NamedTuple):
-    """The contacts of a robot at a state, its constraints eliminated.
+    """The contacts of a robot at a state, its constraints eliminated."""
 
-    Attributes
-    ----------
-    factors : MinimumNorm
-        Of M and J_b.
-    X : (nv, m) array
-        L^-1 J_c^T without what the constraints block.
-    blocked : (rank, m) array
-        V^T L^-1 J_c^T, what they block of it.
-    held : (rank,) array
-        S^-1 U^T s.
-    momentum : (rank,) array
-        V^T (L^T v + L^-1 p).
-    free : (nv,) array
-        L^T v_free.
-    path : (rank,) or (k, rank) array, optional
-        S^-1 U^T s' of constraints that follow a path.
-    """
-
-    factors: MinimumNorm
-    X: Array
-    blocked: Array
-    held: Array
-    momentum: Array
-    free: Array
-    path: Array | None = None
+    factors: MinimumNorm  # of M and J_b
+    X: Array  # (nv, m) L^-1 J_c^T without what the constraints block
+    blocked: Array  # (rank, m) V^T L^-1 J_c^T, what they block of it
+    held: Array  # (rank,) S^-1 U^T s
+    momentum: Array  # (rank,) V^T (L^T v + L^-1 p)
+    free: Array  # (nv,) L^T v_free
+    path: Array | None = None  # (rank,) or (k, rank) S^-1 U^T s' of constraints that follow a path
 
     @property
     def G(self) -> Array:
@@ -114,28 +96,11 @@ class Condensed(NamedTuple):
 def condense(
     factors: MinimumNorm, J_c: Array, v: Array, p: Array, s: Array, rates: Array | None = None
 ) -> Condensed:
-    """Return the contacts of a robot with its constraints eliminated.
-
-    Parameters
-    ----------
-    factors : MinimumNorm
-        Of M and J_b: L L^T = M, L^-1 J_b^T = V S U^T.
-    J_c : (m, nv) array
-        Rows of the contacts.
-    v : (nv,) array
-        Velocity before the step [m/s, rad/s].
-    p : (nv,) array
-        Impulses of all other forces [N s, N m s].
-    s : (rows,) array
-        J_b v+ [m/s, rad/s].
-    rates : (rows,) or (k, rows) array, optional
-        The part of s that is the rate s' of a path [m/s, rad/s]; where s are accelerations, s' and
-        s'', for a path that does either moves.
-
-    Notes
-    -----
-    Cost O(nv^2 m) on top of the factors.
-    """
+    """Return the contacts of a robot with its constraints eliminated, at O(nv^2 m)."""
+    # The `factors` are those of M and J_b: L L^T = M, L^-1 J_b^T = V S U^T. J_c (m, nv) are the
+    # rows of the contacts, v (nv,) is the velocity before the step, p (nv,) the impulses of all
+    # other forces [N s, N m s], and s = J_b v+ (rows,), of which `rates` is the part that is the
+    # rate s' of a path; where s are accelerations, s' and s'', for a path that does either moves.
     V, rank = factors.V, factors.rank
     w = v.dot(factors.L) + dtrtrs(factors.L.T, p, trans=1)[0]
     path = None if rates is None or not rank else _constraint_part(factors, rates)

@@ -574,10 +574,8 @@ def _noise(lam: Array, axis: int | None) -> Array:
 def _grounded(
     scene: Scene, q: Array, cones: Cones
 ) -> Iterator[tuple[str, slice, Cone, Array, Array]]:
-    """Yield name, rows, cone, T and W of each contact: f = T (lam W) in the axes of the floor.
-
-    T (..., 3, 3) is at q (..., nq); W (rows, 3 or 6) has what the kind does not transmit.
-    """
+    """Yield name, rows, cone, T and W of each contact: f = T (lam W) in the axes of the floor."""
+    # T (..., 3, 3) is at q (..., nq); W (rows, 3 or 6) has what the kind does not transmit.
     fitted = _fitted_cones(scene, cones)
     equations, states = equations_of(scene), q.shape[:-1]
     R = np.zeros((len(fitted), *states, 3, 3))

@@ -198,10 +198,8 @@ def by_rule(
 
 
 def is_determined(problem: ContactProblem) -> bool:
-    """True if all answers of a problem are proved to have one sigma.
-
-    It is convex, or each of its islands is, or has one contact with G_nn > mu |G_nt|.
-    """
+    """True if all answers of a problem are proved to have one sigma."""
+    # It is convex, or each of its islands is, or has one contact with G_nn > mu |G_nt|.
     for island in islands(problem) or (None,):
         part = problem if island is None else island.problem(problem)
         if part.law == "ccp" or not any(part.sets.coefficients):
@@ -244,10 +242,8 @@ def _wedged(
 
 
 def _sticking_impulses(problem: ContactProblem, accuracy: float) -> Array | None:
-    """Return impulses with which all that closes sticks, if they are an answer.
-
-    It stays one with equally compliant contacts: the rule has the same motion.
-    """
+    """Return impulses with which all that closes sticks, if they are an answer."""
+    # It stays one with equally compliant contacts: the rule has the same motion.
     lam = sticking(problem)
     return lam if lam is not None and natural_residual(problem, lam) <= accuracy else None
 
@@ -298,12 +294,9 @@ def _all_contacts_open(problem: ContactProblem, S: Array) -> bool:
 
 
 def _stress(problem: ContactProblem) -> Array | None:
-    """Return z (m,) in K with G z = 0 and g . z = 0, of a sum of normals near one; None without.
-
-    By nonnegative least squares over the edges N of polygons inside the cones,
-
-        min |X N x|^2 + (g . N x)^2 + (1 . x - 1)^2,    X^T X = G.
-    """
+    """Return z (m,) in K with G z = 0 and g . z = 0, of a sum of normals near one; None without."""
+    # By nonnegative least squares over the edges N of polygons inside the cones,
+    #     min |X N x|^2 + (g . N x)^2 + (1 . x - 1)^2,    X^T X = G.
     # imported here: scipy.optimize takes as long to import as Pinocchio
     from scipy.optimize import nnls
 
@@ -367,10 +360,9 @@ def _edges(problem: ContactProblem) -> tuple[Array, Array]:
 
 
 def _could_hold(problem: ContactProblem, stress: Array) -> Array:
-    """Return the mask (k,) of as many cones with friction in a stress as there are.
-
-    By the same least squares, each contact near to a part of one, and balance with a large weight.
-    """
+    """Return the mask (k,) of as many cones with friction in a stress as there are."""
+    # By the same least squares, each contact near to a part of one, and balance with a large
+    # weight.
     from scipy.optimize import nnls
 
     (stiff, speed), rows, k = problem.scale, problem.sets.parts[1].stop, len(problem.friction)
@@ -394,10 +386,8 @@ def _could_hold(problem: ContactProblem, stress: Array) -> Array:
 def _continuum(
     problem: ContactProblem, lam: Array, modes: Modes | None = None
 ) -> Indeterminacy | None:
-    """Return the contacts that slide where the equations of their modes leave velocities open.
-
-    The modes are those of lam (m,), or given.
-    """
+    """Return the contacts that slide where the equations of their modes leave velocities open."""
+    # The modes are those of lam (m,), or given.
     if modes is None:
         modes = contact_modes(problem, lam)
     slides = (modes[: len(problem.friction)] == SLIDE) & (problem.friction > 0)
@@ -417,10 +407,8 @@ def _continuum(
 
 
 def _closed_modes(problem: ContactProblem, lam: Array) -> Modes:
-    """Return modes in which contacts that touch without a load are closed, too.
-
-    An answer may be at the end of its continuum, where a contact has lost its load to others.
-    """
+    """Return modes in which contacts that touch without a load are closed, too."""
+    # An answer may be at the end of its continuum, where a contact has lost its load to others.
     modes, sigma = contact_modes(problem, lam).copy(), problem.velocities(lam)
     still, (t1, t2, n) = MOVES * problem.scale[1], problem.sets.axes
     of_cones = modes[: len(problem.friction)]
@@ -469,12 +457,9 @@ def _painleve(problem: ContactProblem, lam: Array) -> Indeterminacy | None:
 
 
 def _answers_of_one(problem: ContactProblem) -> list[Array]:
-    """Return answers of one contact: open, stuck, and slipping in each direction that does.
-
-        lam = lam_n (-mu cos a, -mu sin a, 1),  sigma_n = 0,  sigma_t along (cos a, sin a)
-
-    is a root of one function of a.
-    """
+    """Return answers of one contact: open, stuck, and slipping in each direction that does."""
+    #     lam = lam_n (-mu cos a, -mu sin a, 1),  sigma_n = 0,  sigma_t along (cos a, sin a)
+    # is a root of one function of a.
     G, g, mu = problem.G, problem.g, float(problem.friction[0])
 
     def at(angles: Array) -> tuple[Array, Array]:

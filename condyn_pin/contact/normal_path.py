@@ -48,21 +48,9 @@ _DIRECTIONS: Final = 360
 
 
 def normal_path(G: Array, before: Array, mu: float, e: float, end: End = "stronge") -> Array:
-    """Return the impulses (t1, t2, n) of one contact that strikes [N s].
-
-    Nothing comes back of a contact that jams: one that its own impulse does not move.
-
-    Parameters
-    ----------
-    G : (3, 3) array
-        [1/kg]
-    before : (3,) array
-        sigma before the impact [m/s].
-    mu, e : float
-        Coefficients of friction and of restitution [1].
-    end : {"stronge", "poisson"}
-        Where expansion ends.
-    """
+    """Impulses (t1, t2, n) of one contact that strikes [N s], with sigma (3,) `before` it [m/s]."""
+    # G is (3, 3) [1/kg]; `end` is where expansion ends. Nothing comes back of a contact that jams:
+    # one that its own impulse does not move.
     return _Path(G, np.asarray(before, dtype=float), mu, e, end).impulses()
 
 

@@ -337,27 +337,13 @@ class ContactSets:
 
 
 class Island(NamedTuple):
-    """Contacts of a problem that feel each other and no others.
+    """Contacts of a problem that feel each other and no others."""
 
-    Attributes
-    ----------
-    rows : (r,) array of int
-        Of the problem.
-    block : tuple of arrays
-        The same as indices of G.
-    sets : ContactSets
-        Of these rows.
-    names : tuple of str
-        Of these contacts.
-    contacts : (k,) array of int
-        Their places among the names of the problem.
-    """
-
-    rows: Indices
-    block: tuple[Indices, ...]
-    sets: ContactSets
-    names: tuple[str, ...]
-    contacts: Indices
+    rows: Indices  # (r,) of the problem
+    block: tuple[Indices, ...]  # the same as indices of G
+    sets: ContactSets  # of these rows
+    names: tuple[str, ...]  # of these contacts
+    contacts: Indices  # (k,) their places among the names of the problem
 
     def problem(self, whole: ContactProblem) -> ContactProblem:
         """Return the problem that they are by themselves."""
@@ -370,12 +356,11 @@ class Island(NamedTuple):
 
 
 def islands(problem: ContactProblem) -> tuple[Island, ...]:
-    """Return the components of the graph of G; none where all contacts are connected.
-
-    Two contacts feel each other if their block of G has a number that is not zero. What no impulse
-    of the one does to the other is zero to the last bit where bodies share no joint, so that
-    nothing is neglected. Those of the last problems are kept: the next step often has the same.
-    """
+    """Return the components of the graph of G; none where all contacts are connected."""
+    # Two contacts feel each other if their block of G has a number that is not zero. What no
+    # impulse of the one does to the other is zero to the last bit where bodies share no joint, so
+    # that nothing is neglected. Those of the last problems are kept: the next step often has the
+    # same.
     G, sets, names = problem.G, problem.sets, problem.names
     if np.count_nonzero(G) == G.size or len(names) < 2:
         return ()
@@ -446,11 +431,9 @@ MOVES: Final = 10 * tolerances.CONTACT_SOLVED
 
 
 def contact_modes(problem: ContactProblem, lam: Array, moves: float = MOVES) -> Modes:
-    """Return the mode of each contact of a problem that lam (m,) solves.
-
-    A stop is open or sticks, dry friction sticks or slides. What is slower than the share `moves`
-    of |g| sticks, by the contacts that feel each other.
-    """
+    """Return the mode of each contact of a problem that lam (m,) solves."""
+    # A stop is open or sticks, dry friction sticks or slides. What is slower than the share `moves`
+    # of |g| sticks, by the contacts that feel each other.
     if apart := islands(problem):
         codes_of = np.empty(len(problem.names), dtype=np.int_)
         for each in apart:
@@ -494,10 +477,8 @@ class ModeEquations(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _places(k: int, m: int) -> Indices:
-    """Return the flat indices of the numbers of cones, then rows, in an array (m, 1 + 2 m + k).
-
-    Columns are what is left, by sigma, by lam and by friction.
-    """
+    """Return the flat indices of the numbers of cones, then rows, in an array (m, 1 + 2 m + k)."""
+    # Columns are what is left, by sigma, by lam and by friction.
     width, rows, singles = 1 + 2 * m + k, np.arange(3 * k).reshape(k, 3), np.arange(3 * k, m)
     columns = np.zeros((k, 3, 8), dtype=np.intp)
     columns[:, :, 1:4], columns[:, :, 4:7] = 1 + rows[:, None], 1 + m + rows[:, None]
@@ -539,12 +520,10 @@ def _of_a_cone(
     lifts: float, mode: int, mu: float,
     l1: float, l2: float, ln: float, v1: float, v2: float, vn: float,
 ) -> tuple[float, ...]:  # fmt: skip
-    """Return the three equations of a contact, eight numbers each.
-
-    What is left, its partials by sigma, those by lam, and that by mu. What slides has
-    s' = (1 - s s^T) sigma_t' / |sigma_t|, and any s on ice, which holds nothing. It `lifts` off, 1,
-    or does not, 0.
-    """
+    """Return the three equations of a contact, eight numbers each."""
+    # What is left, its partials by sigma, those by lam, and that by mu. What slides has s' = (1 - s
+    # s^T) sigma_t' / |sigma_t|, and any s on ice, which holds nothing. It `lifts` off, 1, or does
+    # not, 0.
     if mode == OPEN:
         return (
             l1, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0,

@@ -226,13 +226,11 @@ _EDGES = 16  # of a cone: the certificates of a polygon inside of it are certifi
 def infeasible_contacts(
     problem: ContactProblem, by: float = tolerances.CONTACT_SOLVED
 ) -> tuple[str, ...]:
-    """Return the names of contacts that no impulse can meet together; none if none is proved.
-
-    They contradict each other by more than `by`, relative: less is rounding, most often, or within
-    a low accuracy.
-
-    Nonnegative least squares, min |(G + R) N x|^2 + (g . N x + 1)^2, find the x that is asked for.
-    """
+    """Return the names of contacts that no impulse can meet together; none if none is proved."""
+    # They contradict each other by more than `by`, relative: less is rounding, most often, or
+    # within a low accuracy.
+    # Nonnegative least squares, min |(G + R) N x|^2 + (g . N x + 1)^2, find the x that is asked
+    # for.
     # imported here: scipy.optimize takes as long to import as Pinocchio
     from scipy.optimize import nnls
 

@@ -73,23 +73,13 @@ _GAINED: Final = 1e-9
 
 
 class Strike(NamedTuple):
-    """An impact, as a law of restitution answers it.
+    """An impact, as a law of restitution answers it."""
 
-    Attributes
-    ----------
-    lam : (m,) array
-        Impulses of the contacts that it answers; zero of all others [N s].
-    apart : (contacts,) bool array
-        Which contacts these are: of the others Newton's law is the answer.
-    natural : float
-        Residual of the contact problems behind it [1].
-    notes : tuple of (str, tuple of str, str)
-        What deserves attention: its kind, names of contacts, and a sentence.
-    """
-
-    lam: Array
+    lam: Array  # (m,) impulses of the contacts that it answers; zero of all others [N s]
+    # (contacts,) which contacts these are: of the others Newton's law is the answer
     apart: NDArray[np.bool_]
-    natural: float
+    natural: float  # residual of the contact problems behind it [1]
+    # what deserves attention: its kind, names of contacts, and a sentence
     notes: tuple[tuple[str, tuple[str, ...], str], ...]
 
 
@@ -296,11 +286,9 @@ def _at_once(problem: ContactProblem, e: Array) -> tuple[str, ...]:
 
 
 def _is_newtons(problem: ContactProblem, e: Array) -> bool:
-    """True if Newton's law gives the same impulses.
-
-    Without friction and with one e; and at one contact where normal impulses leave slip alone, and
-    slip keeps its direction.
-    """
+    """True if Newton's law gives the same impulses."""
+    # Without friction and with one e; and at one contact where normal impulses leave slip alone,
+    # and slip keeps its direction.
     if not problem.friction.any() and (e == e[0]).all():
         return True
     if len(e) > 1:
@@ -315,11 +303,9 @@ def _is_newtons(problem: ContactProblem, e: Array) -> bool:
 def _until_apart(
     problem: ContactProblem, e: Array, end: End, pieces: int, *, chain: bool = False
 ) -> tuple[Array, float]:
-    """Impulses with which nothing approaches any more, of repeated strikes.
-
-    All that touch strike at once, or in a `chain` those that approach; contacts without restitution
-    hold.
-    """
+    """Impulses with which nothing approaches any more, of repeated strikes."""
+    # All that touch strike at once, or in a `chain` those that approach; contacts without
+    # restitution hold.
     n, worst, lam = problem.sets.normals, 0.0, np.zeros(problem.rows)
     small = _NONE * float(np.abs(problem.g).max(initial=0.0))
     for _ in range(_PASSES):
@@ -361,12 +347,10 @@ def _single_strike(problem: ContactProblem, e: Array, end: End, pieces: int) -> 
 
 
 def _compressed(problem: ContactProblem, pieces: int) -> tuple[Array, Array, float]:
-    """Return impulses of compression, the normal work that each contact took, and a residual.
-
-    The normal impulses of Coulomb's law with e = 0 give a direction; along it friction follows in
-    pieces until the normal power of all together is zero, and Coulomb's law stops what approaches
-    still.
-    """
+    """Return impulses of compression, the normal work that each contact took, and a residual."""
+    # The normal impulses of Coulomb's law with e = 0 give a direction; along it friction follows in
+    # pieces until the normal power of all together is zero, and Coulomb's law stops what approaches
+    # still.
     n, (whole, missed) = problem.sets.normals, _coulomb(problem)
     if pieces == 1:
         return whole, _taken(problem, whole), missed

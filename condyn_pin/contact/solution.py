@@ -512,29 +512,11 @@ _FELT: Final = 0.01 * tolerances.CONTACT_SOLVED
 
 
 def drop_inconsistent_rows(problem: ContactProblem, lam: Array) -> ContactProblem | None:
-    """Return the problem without the part of g that no motion of what touches has.
-
-    g_A - Z Z^T g_A,    Z an orthonormal basis of G_AA z = 0
-
-    with A the rows along which nothing moves: the normals of contacts that press, and all of those
-    that stick.
-
-    Parameters
-    ----------
-    problem : ContactProblem
-        The contact problem.
-    lam : (m,) array
-        The best impulses that were found: they say which contacts press and stick.
-
-    Returns
-    -------
-    ContactProblem or None
-        None if there is no such part, or it is not small beside g.
-
-    Notes
-    -----
-    Cost O(m^3).
-    """
+    """Return the problem without the part of g that no motion of what touches has."""
+    #     g_A - Z Z^T g_A,    Z an orthonormal basis of G_AA z = 0
+    # with A the rows along which nothing moves: the normals of contacts that press at the best
+    # impulses lam (m,) that were found, and all of those that stick. None if there is no such part,
+    # or it is not small beside g.
     stiff, speed = problem.scale
     sigma, cones = problem.velocities(lam), 3 * len(problem.friction)
     L, S = lam[:cones].reshape(-1, 3), sigma[:cones].reshape(-1, 3)

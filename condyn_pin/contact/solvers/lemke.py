@@ -80,22 +80,10 @@ class Lemke(ContactSolver):
 
 
 def refine_polygons(problem: ContactProblem, lam: Array, width: float, sides: int) -> SolverResult:
-    """Return the answer of polygons with more corners where contacts slide at impulses `lam`.
-
-    Along such a corner a polygon has the friction of the circle. Where friction locks bodies or is
-    large, regular polygons are off by more than what they slide by.
-
-    Parameters
-    ----------
-    problem : ContactProblem
-        The contact problem.
-    lam : (m,) array
-        Of other polygons, most often [N s].
-    width : float
-        Of the fan of five corners round the direction of slip [rad].
-    sides : int
-        Of the regular polygon that each has beside them.
-    """
+    """Return the answer of polygons with more corners where contacts slide at impulses `lam`."""
+    # Along such a corner a polygon has the friction of the circle. Where friction locks bodies or
+    # is large, regular polygons are off by more than what they slide by. Five corners are a fan of
+    # a `width` round the direction of slip [rad], beside a regular polygon of so many `sides`.
     cones = problem.sets.parts[0]
     L, S = (each[cones].reshape(-1, 3) for each in (lam, problem.velocities(lam)))
     # friction points against the slip, and where nothing slides it points anywhere
@@ -185,23 +173,10 @@ _PATHS: Final = tuple(np.sqrt((1.25, 2.0, 3.0)) % 1)
 
 
 def lemke(A: Array, b: Array, max_pivots: int) -> tuple[Array, int, bool]:
-    """Return z >= 0 with w = A z + b >= 0 and w . z = 0, or the nearest that was found.
-
-    With the pivots, and whether z is an answer.
-
-    Parameters
-    ----------
-    A : (n, n) array
-    b : (n,) array
-    max_pivots : int
-        Of each of three paths.
-
-    Notes
-    -----
-    A path without an answer ends on a ray. Cost O(n^2 + k^3) a pivot with k of z in the basis: each
-    basis is factorised by itself, since a tableau that is carried on rounds until what is tied no
-    longer is.
-    """
+    """Return z >= 0 with w = A z + b >= 0, w . z = 0, or the nearest; pivots; if z is one."""
+    # A path without an answer ends on a ray; there are three, each of `max_pivots`. O(n^2 + k^3) a
+    # pivot with k of z in the basis: each basis is factorised by itself, since a tableau that is
+    # carried on rounds until what is tied no longer is.
     best, least, pivots = np.zeros(len(b)), _complementarity_error(A, b, np.zeros(len(b))), 0
     for step in _PATHS:
         if least <= _ANSWERED or not np.isfinite(least):
@@ -252,11 +227,9 @@ def _path(A: Array, b: Array, p: Array, max_pivots: int) -> tuple[Array, int]:
 
 
 def _in_basis(columns: Array, basis: Indices, others: Indices) -> Array:
-    """Return columns in terms of a basis; NaN, which ends a path, where rounding took its rank.
-
-    The columns of w are those of the identity: what is left of the basis is solved in the rows that
-    have none of them.
-    """
+    """Return columns in terms of a basis; NaN, which ends a path, where rounding took its rank."""
+    # The columns of w are those of the identity: what is left of the basis is solved in the rows
+    # that have none of them.
     n = len(basis)
     is_w = basis < n
     own, left = basis[is_w], np.ones(n, dtype=bool)
@@ -273,10 +246,8 @@ def _in_basis(columns: Array, basis: Indices, others: Indices) -> Array:
 
 
 def _leaving(T: Array, artificial: Array) -> int:
-    """Return the row with the smallest ratio of b, and among those that are tied of p; or -1.
-
-    T has the entering column, b and p in terms of the basis.
-    """
+    """Return the row with the smallest ratio of b, and among those that are tied of p; or -1."""
+    # T has the entering column, b and p in terms of the basis.
     column, b, p = T.T
     rows = np.flatnonzero(column > _NO_PIVOT * np.abs(column).max())
     if not len(rows):

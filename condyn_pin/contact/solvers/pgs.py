@@ -173,20 +173,9 @@ def directions(
     max_iterations: int,
     anderson: int,
 ) -> tuple[Array, int] | None:
-    """Return impulses (m,) and iterations, or None: Pinocchio 3 takes ncp of cones and stops alone.
-
-    Parameters
-    ----------
-    problem : ContactProblem
-        The contact problem.
-    guess : (m,) array or None
-        Impulses to begin with [N s].
-    tolerance : float
-        The natural residual to reach [1].
-    max_iterations : int
-    anderson : int
-        Steps that Pinocchio's acceleration remembers; ours has none.
-    """
+    """Return impulses (m,) and iterations; None of all but cones and stops in Pinocchio 3."""
+    # `tolerance` is the natural residual to reach [1]; `anderson` are the steps that Pinocchio's
+    # acceleration remembers; ours has none.
     small, unit = normalised(problem)
     begin = None if guess is None else guess / unit
     X = factor_of(small)
@@ -264,24 +253,9 @@ def factor_of(problem: ContactProblem) -> Array | None:
 def alternate(
     problem: ContactProblem, X: Array, start: Array, tolerance: float, max_iterations: int
 ) -> tuple[Array, int]:
-    """Return impulses (m,) of a normalised problem, and the iterations that they took.
-
-    Parameters
-    ----------
-    problem : ContactProblem
-        The contact problem.
-    X : (r, m) array
-        X^T X = G.
-    start : (m,) array
-        Impulses to begin with.
-    tolerance : float
-        Natural residual on which it ends.
-    max_iterations : int
-
-    Notes
-    -----
-    Cost O(r m) an iteration, and O(r^2 m + r^3) for each rho.
-    """
+    """Return impulses (m,) of a normalised problem, X^T X = G, and the iterations."""
+    # It ends on a natural residual of `tolerance`. O(r m) an iteration, O(r^2 m + r^3) for each
+    # rho.
     best, least, rho = start, _normalised_residual(problem, X, start), _RHO
     y, z, solve = start, problem.dual(problem.velocities(start)), _inverse(X, rho)
     for k in range(1, max_iterations + 1):
