@@ -205,36 +205,19 @@ _NONE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class ContactEvent:
-    """Impact, or change of contact modes, with the samples before and after it.
+    """Impact, or change of contact modes, with the samples before and after it."""
 
-    Attributes
-    ----------
-    what : str
-        ``impact``, ``shock``, or nothing where only modes have changed.
-    candidates : Candidates
-    modes : pair of (candidates,) array
-        Before and after.
-    back : (candidates,) bool array
-        Which of them slide before and after, in opposite directions.
-    impulse : (rows,) array
-        [N s, N m s]
-    energy_lost : float
-        [J]
-    before, after : Row
-        Samples, without the work of contacts before their step: `behind` adds it.
-    driven : float
-        Work of driven constraints in it [J].
-    """
-
-    what: str
+    what: str  # ``impact``, ``shock``, or nothing where only modes have changed
     candidates: Candidates
-    modes: tuple[Modes, Modes]
+    modes: tuple[Modes, Modes]  # before and after
+    # (candidates,) which of them slide before and after, in opposite directions
     back: NDArray[np.bool_]
-    impulse: Array
-    energy_lost: float
+    impulse: Array  # (rows,) [N s, N m s]
+    energy_lost: float  # [J]
+    # before, after: samples, without the work of contacts before their step: `behind` adds it
     before: Row
     after: Row
-    driven: float = 0.0
+    driven: float = 0.0  # work of driven constraints in it [J]
 
     @property
     def t(self) -> float:
@@ -289,10 +272,8 @@ class ContactEvent:
 
 
 def checked_events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
-    """Return the events of a run, or raise InvalidArgument.
-
-    They have to fit the scene, and to have names of their own.
-    """
+    """Return the events of a run, or raise InvalidArgument."""
+    # They have to fit the scene, and to have names of their own.
     if isinstance(events, Event) or not isinstance(events, Iterable):
         raise InvalidArgument("events: a list is needed, also for a single event")
     checked = tuple(events)
@@ -311,11 +292,9 @@ def checked_events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
 
 
 def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, bool]) -> None:
-    """Refuse the scene of an event that does not go with the one simulated.
-
-    `scalar` says of the constraints so far whether their force is recorded by rows; it gets those
-    of this scene.
-    """
+    """Refuse the scene of an event that does not go with the one simulated."""
+    # `scalar` says of the constraints so far whether their force is recorded by rows; it gets those
+    # of this scene.
     if its.robot.model != simulated.robot.model:
         raise InvalidArgument(
             f"event {event!r}: its scene is of another model than the one simulated"
@@ -561,10 +540,8 @@ class Watch:
         return [event for event in self.events if self._falls(event, values[event.name])]
 
     def after_step(self, t: float, values: dict[str, float]) -> None:
-        """Remember the values after a step to t, in which no event is left.
-
-        ZenoDetected if what has rebounded has not come off in a whole step.
-        """
+        """Remember the values after a step to t, in which no event is left."""
+        # ZenoDetected if what has rebounded has not come off in a whole step.
         self._rebounding -= {name for name in self._rebounding if values[name] > 0}
         if self._rebounding:
             raise ZenoDetected(
@@ -578,11 +555,9 @@ class Watch:
     def after_event(
         self, event: Event, left: Scene, values: dict[str, float], scene: Scene
     ) -> None:
-        """Remember the values after an event, which left one scene for another.
-
-        Those that fell to zero with it are still to happen, and those that brought the scene may
-        happen again: a body that leaves the ground is above it, whatever rounding says.
-        """
+        """Remember the values after an event, which left one scene for another."""
+        # Those that fell to zero with it are still to happen, and those that brought the scene may
+        # happen again: a body that leaves the ground is above it, whatever rounding says.
         stays = event.scene is None or event.scene is left
         if stays and event.at is None:  # a time does not come again
             self._rebounding.add(event.name)

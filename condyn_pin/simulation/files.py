@@ -118,10 +118,8 @@ def read_archive(
     names: Collection[str],
     make: Callable[[Robot, Header, Content], Result],
 ) -> Result:
-    """Result of `make` for the header and the arrays `names` of a file of a `kind`.
-
-    InvalidArgument if the file is missing, damaged or of another kind.
-    """
+    """Result of `make` for the header and the arrays `names` of a file of a `kind`."""
+    # InvalidArgument if the file is missing, damaged or of another kind.
     no_file = f"{path}: no file of {_TITLES[kind]}"
     wanted = {"header", *names}
     try:

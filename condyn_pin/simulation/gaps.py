@@ -45,10 +45,8 @@ class Gaps(ABC):
 
     @abstractmethod
     def step(self, again: bool) -> tuple[Array, Array]:
-        """Return dq, dv (nv,) that close the gaps of the last look.
-
-        `again` says that these are what the step before has left.
-        """
+        """Return dq, dv (nv,) that close the gaps of the last look."""
+        # `again` says that these are what the step before has left.
 
     def newton_step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return q and v one step nearer to the constraints; what was found is taken for theirs."""

@@ -288,10 +288,8 @@ class Manifold:
         return None if self.is_flat else (HALF_TURN / dt) ** 2
 
     def turn_fault(self, v: Array, dt: float, balls: Container[str]) -> str:
-        """Message on a joint that turns too far in a step of dt; empty if none does.
-
-        `balls` are joints whose bodies move the same however they are turned.
-        """
+        """Message on a joint that turns too far in a step of dt; empty if none does."""
+        # `balls` are joints whose bodies move the same however they are turned.
         for name, at in self.turns:
             speed = float(np.linalg.norm(v[at]))
             if not speed * dt > HALF_TURN:
@@ -365,10 +363,8 @@ def _quaternion(x: float, y: float, z: float) -> tuple[float, float, float, floa
 
 
 def _rate(x: float, y: float, z: float, a: float, b: float, c: float) -> tuple[float, float, float]:
-    """Return Jr(theta)^-1 w = w + theta x w / 2 + k theta x (theta x w), theta' of w [rad/s].
-
-    k = (1 - (t/2) cot(t/2)) / t^2 with t = |theta|, smooth up to a whole turn.
-    """
+    """Return Jr(theta)^-1 w = w + theta x w / 2 + k theta x (theta x w), theta' of w [rad/s]."""
+    # k = (1 - (t/2) cot(t/2)) / t^2 with t = |theta|, smooth up to a whole turn.
     square = x * x + y * y + z * z
     if square < _SMALL:
         k = 1 / 12 + square / 720

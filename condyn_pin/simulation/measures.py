@@ -177,10 +177,8 @@ class Gauge:
         return Kinematics(violation, constraint_velocity, kinetic, potential)
 
     def momentum(self, q: Array, v: Array) -> Array:
-        """Return the momentum (k, 6) of the links at states q (k, nq), v (k, nv).
-
-        Linear, and angular about the centre of mass, in the axes of the world [kg m/s, kg m^2/s].
-        """
+        """Return the momentum (k, 6) of the links at states q (k, nq), v (k, nv)."""
+        # Linear, and angular about the centre of mass, in the axes of the world [kg m/s, kg m^2/s].
         links, data, found = self._links, self.equations.data, np.zeros((len(q), 6))
         for i in range(len(q)):
             found[i] = self._run.computeCentroidalMomentum(links, data, q[i], v[i]).vector
@@ -213,22 +211,18 @@ def is_accurate(integrator: Integrator) -> bool:
 
 
 def damping_rate(passive: Passive, v: Array, a: Array) -> Array | None:
-    """Return the rate of the power of joint damping, d/dt (-d v^2), at samples (..., nv) [W/s].
-
-    None where frames are damped, whose rows change too.
-    """
+    """Return the rate of the power of joint damping, d/dt (-d v^2), at samples (..., nv) [W/s]."""
+    # None where frames are damped, whose rows change too.
     if passive.between is not None and passive.between.c.any():
         return None
     return np.asarray(-2.0 * (v * a) @ passive.d)
 
 
 def work(t: Array, power: Array, rate: Array | None = None) -> Array:
-    """Return the integral of power (k, ...) over t (k,), zero at the first sample.
-
-    By a cubic spline through the samples, of order 4 where the power is smooth; with the `rate` of
-    the power [W/s] at the samples by polynomials of degree 7, of order 8. NaN where a run was lost
-    and its power overflows.
-    """
+    """Return the integral of power (k, ...) over t (k,), zero at the first sample."""
+    # By a cubic spline through the samples, of order 4 where the power is smooth; with the `rate`
+    # of the power [W/s] at the samples by polynomials of degree 7, of order 8. NaN where a run was
+    # lost and its power overflows.
     if not np.isfinite(power).all():
         return np.full(power.shape, np.nan)
     if len(t) < 2 or not power.any():
@@ -247,13 +241,11 @@ def work(t: Array, power: Array, rate: Array | None = None) -> Array:
 def integral_error(
     t: Array, power: Array, done: Array, between: Array, v: Array | None = None
 ) -> Array:
-    """Estimated error of an integral `done` of power over t (k, ...), summed from the start.
-
-    In each interval, the larger difference to the trapezoidal rule, and to the power `between`
-    (k - 1, ...) of the mean velocity of two samples: where a stiff damper alternates from step to
-    step, the powers at the samples are no estimate. Where velocities v (k, ..., nv) bend between
-    samples, the trapezoidal rule of |power| times their relative bend is added.
-    """
+    """Estimated error of an integral `done` of power over t (k, ...), summed from the start."""
+    # In each interval, the larger difference to the trapezoidal rule, and to the power `between` (k
+    # - 1, ...) of the mean velocity of two samples: where a stiff damper alternates from step to
+    # step, the powers at the samples are no estimate. Where velocities v (k, ..., nv) bend between
+    # samples, the trapezoidal rule of |power| times their relative bend is added.
     if len(t) < 2 or not power.any():
         return np.zeros(power.shape)
     spans = np.diff(t).reshape(-1, *(1,) * (power.ndim - 1))
@@ -267,11 +259,9 @@ def integral_error(
 
 
 def _relative_bend(v: Array) -> Array:
-    """Relative bend of velocities in each interval (k - 1, ...), at most 1.
-
-    |v_2 - 2 v_1 + v_0| / (|v_2| + |v_0|): about (omega h)^2 / 2 of a frequency that the samples
-    resolve, 1 where they do not.
-    """
+    """Relative bend of velocities in each interval (k - 1, ...), at most 1."""
+    # |v_2 - 2 v_1 + v_0| / (|v_2| + |v_0|): about (omega h)^2 / 2 of a frequency that the samples
+    # resolve, 1 where they do not.
     size = np.linalg.norm(v, axis=-1)
     if len(v) < 3:  # no bend from two samples
         return np.ones((len(v) - 1, *size.shape[1:]))

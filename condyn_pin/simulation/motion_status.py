@@ -202,10 +202,8 @@ def _depth_limits(course: Course, phase: Phase, gaps: Array) -> Array:
 def _closing_speeds(
     course: Course, found: Sequence[tuple[Phase, Sequence[str], Array]]
 ) -> dict[str, float]:
-    """Fastest rate of each gap [m/s, rad/s] in the motion, by schemes that push nothing out.
-
-    Depth stays from one phase to the next: in its own, a contact may be at rest.
-    """
+    """Fastest rate of each gap [m/s, rad/s] in the motion, by schemes that push nothing out."""
+    # Depth stays from one phase to the next: in its own, a contact may be at rest.
     scheme, fastest = course.integrator, dict[str, float]()
     is_limited = course.limits.penetration is not None
     if is_limited or not isinstance(scheme, ContactScheme) or scheme.closes_gaps:
@@ -256,11 +254,9 @@ def energy_cure(course: Course) -> str:
 
 
 def unexplained_energy(course: Course) -> Array:
-    """Energy that appeared or vanished without work since the loops were closed (k,) [J].
-
-    Less what the quadrature of work over the samples may be off by. Compliant constraints, or
-    that close an open start, do work: it is zero while they do.
-    """
+    """Energy that appeared or vanished without work since the loops were closed (k,) [J]."""
+    # Less what the quadrature of work over the samples may be off by. Compliant constraints, or
+    # that close an open start, do work: it is zero while they do.
     error, doubt = course.energy.error, course.energy.doubt
     if not _is_hard(course):
         return np.zeros_like(error)
@@ -271,10 +267,9 @@ def unexplained_energy(course: Course) -> Array:
 
 
 def of_a_step(course: Course) -> float:
-    """Energy [J] that gravity and torques exchange in one step, by schemes of first order.
-
-    They are half a step late or early: m g v dt / 2 of a free fall, a share of 1 / k after k steps.
-    """
+    """Energy [J] that gravity and torques exchange in one step, by schemes of first order."""
+    # They are half a step late or early: m g v dt / 2 of a free fall, a share of 1 / k after k
+    # steps.
     if not _is_of_first_order(course.integrator) or len(course.t) < 2:
         return 0.0
     spans = np.diff(course.t)

@@ -220,13 +220,11 @@ def _differenced(trajectory: Trajectory) -> list[str]:
 
 
 def solver_notices(trajectory: Trajectory, answers: Answers | None = None) -> list[str]:
-    """Return a sentence on the error of the accelerations, if it is larger than its solver's.
-
-    A run calls the hot loop, which proves nothing, and a drift scheme closes what a wrong a has
-    opened: the constraints hold, and the motion is another one. So some samples are solved once
-    more, with the proof that `solve` gives. Nothing is said of a run that broke down, nor of a
-    solver that answers another question; nor of contacts that open, proved in every step.
-    """
+    """Return a sentence on the error of the accelerations, if it is larger than its solver's."""
+    # A run calls the hot loop, which proves nothing, and a drift scheme closes what a wrong a has
+    # opened: the constraints hold, and the motion is another one. So some samples are solved once
+    # more, with the proof that `solve` gives. Nothing is said of a run that broke down, nor of a
+    # solver that answers another question; nor of contacts that open, proved in every step.
     run = trajectory.run
     rows = any(phase.scene.rows for phase in trajectory.phases)
     if not (run.status.ok and run.solver.exact and rows) or trajectory.contact:
@@ -242,10 +240,8 @@ def solver_notices(trajectory: Trajectory, answers: Answers | None = None) -> li
 
 
 def answer_notices(trajectory: Trajectory, answers: Answers) -> list[str]:
-    """Return the notices of `answers`, or of steps, at some samples: each once, with its time.
-
-    Two that differ in their numbers alone are one.
-    """
+    """Return the notices of `answers`, or of steps, at some samples: each once, with its time."""
+    # Two that differ in their numbers alone are one.
     run = trajectory.run
     if not (run.status.ok and run.solver.exact):
         return []
@@ -324,10 +320,8 @@ def _telling(trajectory: Trajectory, phase: Phase) -> list[int]:
 
 
 def _tensile_contacts(trajectory: Trajectory) -> list[str]:
-    """Return a sentence for each contact that pulls, with the largest pull and its time.
-
-    A run keeps its contacts until an event takes them off: between events they are bilateral.
-    """
+    """Return a sentence for each contact that pulls, with the largest pull and its time."""
+    # A run keeps its contacts until an event takes them off: between events they are bilateral.
     forces = trajectory.forces
     worst: dict[str, tuple[float, float, Constraint]] = {}  # normal force [N], t [s]
     together: tuple[float, str] = (0.0, "")  # of contacts that share a load [N], and the sentence

@@ -249,11 +249,9 @@ def _short_repr(value: Any) -> str:
 
 
 def uninterrupted(motion: Trajectory) -> Trajectory:
-    """Motion that others depend on; KeyboardInterrupt if Ctrl-C ended it.
-
-    `simulate` keeps what it has and returns, which is right for viewing the motion, and
-    wrong for comparing it with others: a part of one is no measurement.
-    """
+    """Motion that others depend on; KeyboardInterrupt if Ctrl-C ended it."""
+    # `simulate` keeps what it has and returns, which is right for viewing the motion, and wrong for
+    # comparing it with others: a part of one is no measurement.
     if motion.run.status is RunStatus.INTERRUPTED:
         raise KeyboardInterrupt
     return motion

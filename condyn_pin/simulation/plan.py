@@ -202,11 +202,9 @@ def _check_contacts(scene: Scene, integrator: Integrator, events: Sequence[Event
 def default_drift(
     scene: Scene, integrator: Integrator, solver: Solver | None, events: Sequence[Event]
 ) -> Drift:
-    """Return the default drift scheme.
-
-    One that has no gains to choose and costs no solve. Of a gap it leaves the square; moving the
-    bodies then leaves J v a little off: below 1e-9 m and 1e-3 m/s on Cassie's loops with 1 ms.
-    """
+    """Return the default drift scheme."""
+    # One that has no gains to choose and costs no solve. Of a gap it leaves the square; moving the
+    # bodies then leaves J v a little off: below 1e-9 m and 1e-3 m/s on Cassie's loops with 1 ms.
     # it has a spring of its own; what is no solver is refused where it is used
     soft = isinstance(solver, Solver) and not solver.exact
     scenes = _scenes(scene, events)
@@ -216,13 +214,12 @@ def default_drift(
 
 
 def default_solver(scene: Scene) -> Solver:
-    """Return the default solver: that of `solve`, without iterations that change nothing.
-
-    Three iterations are enough where loops are closed. A step leaves them a little open; then rows
-    that are redundant come to life and ask for a lam that grows with every iteration up to the
-    limit, at three times the cost, and moves nothing: over runs on Cassie and on Bricard's loop the
-    state differs by less than 1e-9 from that of twenty iterations, and by 1e-12 where loops close.
-    """
+    """Return the default solver: that of `solve`, without iterations that change nothing."""
+    # Three iterations are enough where loops are closed. A step leaves them a little open; then
+    # rows that are redundant come to life and ask for a lam that grows with every iteration up to
+    # the limit, at three times the cost, and moves nothing: over runs on Cassie and on Bricard's
+    # loop the state differs by less than 1e-9 from that of twenty iterations, and by 1e-12 where
+    # loops close.
     solver = workspace.default_solver(scene)
     if isinstance(solver, Proximal) and not scene.nominal.independent:
         return replace(solver, max_iterations=_ITERATIONS)
@@ -247,11 +244,9 @@ def check_initial_state(
 
 
 def velocity_of_steps(scene: Scene, q: Array, v: Array, integrator: Integrator, dt: float) -> float:
-    """Return the |J v| [m/s, rad/s] of states that an integrator goes through.
-
-    Schemes with contacts make v+ tangent in the middle of the step: J v is dt gamma / 2 at its end.
-    Four times that is allowed.
-    """
+    """Return the |J v| [m/s, rad/s] of states that an integrator goes through."""
+    # Schemes with contacts make v+ tangent in the middle of the step: J v is dt gamma / 2 at its
+    # end. Four times that is allowed.
     if not (scene.rows and isinstance(integrator, ContactScheme)):
         return 0.0
     equations = gauge_of(scene).equations

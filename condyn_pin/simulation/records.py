@@ -31,20 +31,11 @@ Row = tuple[float, Array, Array, Array, Array, Array, Array]
 
 @dataclass(frozen=True, eq=False)
 class Phase:
-    """A part of a run with the same constraints.
+    """A part of a run with the same constraints."""
 
-    Attributes
-    ----------
-    scene : Scene
-        With every contact anchored.
-    samples : slice
-        Its samples.
-    columns : tuple of int
-        Where the rows of the scene, those of its contacts last, are among those of the trajectory.
-    """
-
-    scene: Scene
-    samples: slice
+    scene: Scene  # with every contact anchored
+    samples: slice  # its samples
+    # where the rows of the scene, those of its contacts last, are among those of the trajectory
     columns: tuple[int, ...]
 
 
@@ -100,11 +91,9 @@ def _columns(rows: Sequence[Row]) -> tuple[Array, ...]:
 def merge(
     recorders: Sequence[Recorder],
 ) -> tuple[tuple[Phase, ...], tuple[Array, ...], ContactRecord | None]:
-    """Return the phases of a run, t, q, v, a, lam and tau over all of them, and the contacts.
-
-    The rows of lam are those of all constraints and contacts that a phase has, in the order in
-    which they came; they are zero while one is away.
-    """
+    """Return the phases of a run, t, q, v, a, lam and tau over all of them, and the contacts."""
+    # The rows of lam are those of all constraints and contacts that a phase has, in the order in
+    # which they came; they are zero while one is away.
     recorders = [recorder for recorder in recorders if recorder.count]
     names = [row_names(recorder.scene) for recorder in recorders]
     places = {name: i for i, name in enumerate(dict.fromkeys(n for each in names for n in each))}

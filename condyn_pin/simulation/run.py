@@ -214,11 +214,9 @@ def follow(
     progress: Callable[[float], object] | None = None,
     phase: HybridPhase | None = None,
 ) -> tuple[Trajectory, HybridPhase]:
-    """Return the motion from a state that was checked, and the phase that it ended on.
-
-    A phase of the same plan, on which no event has changed the scene, spares the work of making
-    another.
-    """
+    """Return the motion from a state that was checked, and the phase that it ended on."""
+    # A phase of the same plan, on which no event has changed the scene, spares the work of making
+    # another.
     begun = perf_counter()
     plan.tau.differenced = 0
     with np.errstate(all="ignore"):  # what overflows is found by the next solve
@@ -352,13 +350,8 @@ class HybridSimulator:
             self._watch.values = self._look(self.t, q, v)
 
     def run(self, tick: Callable[[int], None] | None = None) -> None:
-        """Take the steps of the plan; `tick` is told how many are taken.
-
-        Raises
-        ------
-        Ended, ZenoDetected
-            If an event ends the run, or happens again at once.
-        """
+        """Take the steps of the plan; `tick` is told how many are taken."""
+        # Ended or ZenoDetected if an event ends the run, or happens again at once.
         located = self.plan.integrator.locates_events
         (self._run_watched if self._watch.events or located else self._run_free)(tick)
         self.end()

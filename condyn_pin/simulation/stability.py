@@ -101,11 +101,9 @@ class _Gap:
 
 
 def growth(integrator: Integrator, drift: Baumgarte, dt: float) -> float:
-    """Return the factor by which a gap grows in a step: the spectral radius of its map.
-
-    One step is linear in (c, c') at its start, and where the integrator remembers its last step, in
-    those of the last two.
-    """
+    """Return the factor by which a gap grows in a step: the spectral radius of its map."""
+    # One step is linear in (c, c') at its start, and where the integrator remembers its last step,
+    # in those of the last two.
     gap = cast("System", _Gap(drift, dt))
     try:
         with np.errstate(all="ignore"):  # what overflows has grown
@@ -147,10 +145,8 @@ def _runs(integrator: Integrator, gap: System, steps: int) -> Array:
 
 
 def stability_limit(integrator: Integrator, *, beta_per_alpha: float = 1.0) -> float:
-    """Return the product alpha dt below which gaps shrink, to 1e-4; infinity if there is no end.
-
-    The integrator holds constraints by accelerations; `beta_per_alpha` is 1 for critical damping.
-    """
+    """Return the product alpha dt below which gaps shrink, to 1e-4; infinity if there is no end."""
+    # The integrator holds constraints by accelerations; `beta_per_alpha` is 1 for critical damping.
     if integrator.is_adaptive:
         return inf
     stable = 0.0
@@ -201,10 +197,8 @@ _FOLLOWED = 2.0
 
 
 def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -> str:
-    """Message on joint damping too stiff for an integrator at dt [s], with advice.
-
-    Empty if there is none; q is where the inertia is that of the machine.
-    """
+    """Message on joint damping too stiff for an integrator at dt [s], with advice."""
+    # Empty if there is none; q is where the inertia is that of the machine.
     between = system.passive.between
     damped = system.passive.d.any() or (between is not None and between.c.any())
     if integrator.takes_stiff_damping or not damped:
@@ -250,11 +244,9 @@ def stiff_springs(system: System, integrator: Integrator, dt: float, q: Array) -
 
 
 def _fastest(system: System, q: Array) -> tuple[float, int]:
-    """Largest eigenvalue of P D [1/s], and the damper with the largest part in its mode.
-
-    Dampers are counted joint coordinate by joint coordinate, and then from one frame to another. Of
-    several with the same part, the first.
-    """
+    """Largest eigenvalue of P D [1/s], and the damper with the largest part in its mode."""
+    # Dampers are counted joint coordinate by joint coordinate, and then from one frame to another.
+    # Of several with the same part, the first.
     passive = system.passive
     root = np.diag(np.sqrt(passive.d))
     if passive.between:

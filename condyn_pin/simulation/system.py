@@ -133,11 +133,9 @@ class System:
             )
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
-        """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).
-
-        The last answer is kept: asked again at the same time for the very same arrays, it is
-        returned. A correction at the end of a step and the next step share one solve.
-        """
+        """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,)."""
+        # The last answer is kept: asked again at the same time for the very same arrays, it is
+        # returned. A correction at the end of a step and the next step share one solve.
         last = self._last
         # k dt and (k - 1) dt + dt are one time
         if q is last[1] and v is last[2] and isclose(t, last[0], rel_tol=1e-14):
@@ -257,10 +255,8 @@ class System:
 
 
 def total_torque(applied: Applied, passive: Passive, dt: float = 0.0) -> Torque:
-    """Return the torques applied with those of springs and damping.
-
-    With dt, springs act as they do at the end of a step, were it not for a: dt K v more.
-    """
+    """Return the torques applied with those of springs and damping."""
+    # With dt, springs act as they do at the end of a step, were it not for a: dt K v more.
     between, sprung = passive.between, len(passive.k) > 0
     d = passive.d + dt * passive.stiffness if dt else passive.d
     K, at_q, rest, pulled = passive.K, passive.at_q, passive.rest, bool(d.any() or sprung)
@@ -294,18 +290,13 @@ def _felt(bound: BoundContact) -> Iterator[int]:
 
 
 class CorrectedStepper:
-    """An integrator's steps of one size, the correction of a drift scheme behind each.
-
-    Attributes
-    ----------
-    effects : callable or None
-        (work before the step) -> effects of the last step, where contacts open and slide.
-    """
+    """An integrator's steps of one size, the correction of a drift scheme behind each."""
 
     def __init__(self, system: System, integrator: Integrator, drift: Drift, dt: float) -> None:
         self._dt, self._turn_fault = dt, system.turn_fault
         bare = integrator.start(system, dt)
         self._step, self._lam, self._touch = bare.step, bare.lam, bare.touch
+        # (work before the step) -> effects of the last step, where contacts open and slide
         self.effects, self._sample, self._given = bare.effects, bare.sample, system
         self._samples_start = integrator.a_at == "start"
         # a correction reads what the solve of the next step leaves behind, and a step may begin
@@ -383,15 +374,11 @@ _LEFT: Final = 1e-6
 
 
 def implicit_system(system: System, dt: float) -> System:
-    """Return the system whose springs and damping act at the end of a step of size dt.
-
-    With v1 = v + dt a and q1 = q + dt v1 in the torques -D v1 - K (q1 - q0),
-
-        (M + dt D + dt^2 K) a + h = tau - (D + dt K) v - K (q - q0) + J^T lam,
-
-    which is stable however large D and K are. All of them share the memory of `System.spare`.
-    Torques of a function that comes with its derivatives act there too.
-    """
+    """Return the system whose springs and damping act at the end of a step of size dt."""
+    # With v1 = v + dt a and q1 = q + dt v1 in the torques -D v1 - K (q1 - q0),
+    #     (M + dt D + dt^2 K) a + h = tau - (D + dt K) v - K (q - q0) + J^T lam,
+    # which is stable however large D and K are. All of them share the memory of `System.spare`.
+    # Torques of a function that comes with its derivatives act there too.
     applied, passive = system.applied, system.passive
     if not passive.is_nothing:
         system = _Heavier(system, dt, _torque_at_end(system, dt))
@@ -399,15 +386,11 @@ def implicit_system(system: System, dt: float) -> System:
 
 
 def iterated_system(system: System, dt: float, last: Callable[[], Array]) -> System:
-    """Return the system of an iteration on a, where v changes with dt a and q with dt^2 a.
-
-    Its solution is that of the system where a is the `last` one,
-
-        (M + dt D + dt^2 K) a + h = tau - D v - K (q - q0) + (dt D + dt^2 K) last + J^T lam,
-
-    and however large D and K are, they do not keep the iteration from it; nor do those of the
-    torques of a function, once their slopes are known.
-    """
+    """Return the system of an iteration on a, where v changes with dt a and q with dt^2 a."""
+    # Its solution is that of the system where a is the `last` one,
+    #     (M + dt D + dt^2 K) a + h = tau - D v - K (q - q0) + (dt D + dt^2 K) last + J^T lam,
+    # and however large D and K are, they do not keep the iteration from it; nor do those of the
+    # torques of a function, once their slopes are known.
     if not system.passive.is_nothing:
         system = _Heavier(system, dt, _torque_of_last(system, dt, last))
     return system if system.applied.constant is not None else _WithSlopes(system, dt, last)
@@ -480,16 +463,12 @@ class _Heavier(System):
 
 
 def with_rows(solve: Callable[[Array], Array], tau: Array, rows: Array, weights: Array) -> Array:
-    """Return the a of (M + U^T w U) a + h = tau + J^T lam, by solves of M a + h = tau + J^T lam.
-
-    What the rows U (r, nv) with weights w (r,) > 0 [kg, kg m^2] take is U^T f with f = w U a, and
-    a falls with f as the solves say:
-
-        U a = U a0 - G f,    G = U P U^T,    (1 / w + G) f = U a0,
-
-    with a0 that of f = 0, and P the inverse inertia that the constraints leave. A solve a row finds
-    G; the last one is that of the answer, and leaves its lam behind.
-    """
+    """Return the a of (M + U^T w U) a + h = tau + J^T lam, by solves of M a + h = tau + J^T lam."""
+    # What the rows U (r, nv) with weights w (r,) > 0 [kg, kg m^2] take is U^T f with f = w U a, and
+    # a falls with f as the solves say:
+    #     U a = U a0 - G f,    G = U P U^T,    (1 / w + G) f = U a0,
+    # with a0 that of f = 0, and P the inverse inertia that the constraints leave. A solve a row
+    # finds G; the last one is that of the answer, and leaves its lam behind.
     a0 = solve(tau)
     free = rows @ a0
     scale = weights * np.abs(free).max(initial=0.0)  # forces as they come: G is known as well as a0

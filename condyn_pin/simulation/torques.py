@@ -43,18 +43,6 @@ class Applied:
 
     The shape of a user function's torques is checked: numpy would broadcast other shapes
     silently.
-
-    Attributes
-    ----------
-    constant : (nv,) array or None
-        The torques, not to be written to; None if a function or a force is among them.
-    jacobian : callable or None
-        The derivatives that came with the function.
-    differencing : bool
-        Whether differences are taken where there are no derivatives: not before a step has failed
-        without.
-    differenced : int
-        Number of calls of the function for differences.
     """
 
     def __init__(
@@ -65,9 +53,12 @@ class Applied:
         forces: Sequence[AppliedForce] = (),
     ) -> None:
         self._model, self._shape = robot.unedited, (robot.nv,)
+        # derivatives that came with the function; whether differences are taken where there are
+        # none, not before a step has failed without; and the calls of the function for them
         self.jacobian, self.differencing, self.differenced = jacobian, False, 0
         self._function: Torque | None = tau if callable(tau) else None
         self._tau: Array | None = None  # where there is no function
+        # (nv,) the torques, not to be written to; None if a function or a force is among them
         self.constant: Array | None = None
         self._first: Array | None = None
         self._state: tuple[Array, Array] | None = None  # q and v that the first were asked for
@@ -132,11 +123,9 @@ class Applied:
         self._first = self.constant
 
     def first(self, t: float, q: Array, v: Array) -> Array:
-        """Return the torques at the start of the step (nv,), not to be written to.
-
-        Where the answer at its start was known from before, the first that were asked for are those
-        of a later stage: then they are asked for now.
-        """
+        """Return the torques at the start of the step (nv,), not to be written to."""
+        # Where the answer at its start was known from before, the first that were asked for are
+        # those of a later stage: then they are asked for now.
         asked = self._state is None or (self._state[0] is q and self._state[1] is v)
         return self._first if self._first is not None and asked else self(t, q, v).copy()
 
@@ -194,25 +183,16 @@ class Applied:
 
 @dataclass(frozen=True, eq=False)
 class Passive:
-    """Springs and damping of a robot, as arrays.
+    """Springs and damping of a robot, as arrays."""
 
-    Attributes
-    ----------
-    d : (nv,) array
-        Damping [N m s/rad, N s/m].
-    k, rest : (s,) array
-        Stiffness [N m/rad, N/m] and reference [rad, m] of each spring.
-    at_q, at_v : (s,) array of int
-        Where q and v hold its joint.
-    between : SpringDampers or None
-        Springs and dampers between two frames, where there are any.
-    """
-
-    d: Array
+    d: Array  # (nv,) damping [N m s/rad, N s/m]
+    # k, rest (s,): stiffness [N m/rad, N/m] and reference [rad, m] of each spring
     k: Array
     rest: Array
+    # at_q, at_v (s,): where q and v hold its joint
     at_q: Indices
     at_v: Indices
+    # springs and dampers between two frames, where there are any
     between: SpringDampers | None = None
 
     @staticmethod

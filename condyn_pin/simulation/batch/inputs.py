@@ -30,10 +30,8 @@ from condyn_pin.model.robot import Robot
 def check_states(
     robot: Robot, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, *, suffix: str = ""
 ) -> tuple[Array, Array, Array]:
-    """Return Q (N, nq), V (N, nv) and TAU (N, nv) or (nv,), converted where necessary.
-
-    What cannot be is refused by row and entry; `suffix` is that of the names of Q and V.
-    """
+    """Return Q (N, nq), V (N, nv) and TAU (N, nv) or (nv,), converted where necessary."""
+    # What cannot be is refused by row and entry; `suffix` is that of the names of Q and V.
     name, model = f"Q{suffix}", robot.model
     count = _rows(name, Q, model.nq)
     q = finite(name, Q, (count, model.nq))
@@ -50,10 +48,8 @@ def check_states(
 def denormalised_parts(
     robot: Robot, q: Array, low: float = LOW, high: float = HIGH
 ) -> Iterator[tuple[int, slice, float]]:
-    """Yield row, place and norm of the parts of q (N, nq) that should have norm 1 and have not.
-
-    Squared norms between `low` and `high` are as good as 1.
-    """
+    """Yield row, place and norm of the parts of q (N, nq) that should have norm 1 and have not."""
+    # Squared norms between `low` and `high` are as good as 1.
     for part in robot.arguments.units:
         norms = np.einsum("ij,ij->i", q[:, part], q[:, part])
         for i in np.flatnonzero(~((norms > low) & (norms < high))):
@@ -101,21 +97,14 @@ def forces_in(inputs: Arrays, forces: tuple[AppliedForce, ...]) -> tuple[Applied
 
 
 class DrivenPath:
-    """The paths of the driven rows of a workspace on the way of some steps, from a time [s] on.
-
-    Attributes
-    ----------
-    rows : (k,) array of int32
-        The rows that are driven.
-    wanted : (2 steps + 1, 3, k) array
-        s, s' and s'' of each at each half step; NaN from where on a path has no values. A motion
-        that gets there is made by Python, which says why.
-    """
+    """The paths of the driven rows of a workspace on the way of some steps, from a time [s] on."""
 
     def __init__(self, workspace: Workspace, dt: float, steps: int, begin: float = 0.0) -> None:
         equations = workspace.equations
-        self.rows = equations.driven.astype(np.int32)
+        self.rows = equations.driven.astype(np.int32)  # (k,) the rows that are driven
         count = 2 * steps + 1 if self.rows.size else 0
+        # (2 steps + 1, 3, k) s, s' and s'' of each at each half step; NaN from where on a path has
+        # no values. A motion that gets there is made by Python, which says why.
         self.wanted = np.full((count, 3, len(self.rows)), np.nan)
         for i in range(count):
             try:

@@ -434,11 +434,9 @@ def put_motions(
     outputs: Arrays, ok: NDArray[np.intp], found: dict[str, Any], tau: Array, scene: Scene,
     solver: Solver, motions: Motions,
 ) -> Messages:  # fmt: skip
-    """Put the motions that went to their end into their rows; return why some are not ok.
-
-    `found` has their samples: t, q, v, a, lam and measures, the power of what is driven, and of
-    contacts and drives their work and columns.
-    """
+    """Put the motions that went to their end into their rows; return why some are not ok."""
+    # `found` has their samples: t, q, v, a, lam and measures, the power of what is driven, and of
+    # contacts and drives their work and columns.
     if not ok.size:
         return {}
     found = {name: its[ok] for name, its in found.items()}

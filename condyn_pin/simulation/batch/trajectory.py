@@ -244,28 +244,17 @@ class BatchTrajectory(BatchResult[Trajectory]):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Samples:
-    """The samples of N motions; NaN after the end of one that broke down.
+    """The samples of N motions; NaN after the end of one that broke down."""
 
-    Attributes
-    ----------
-    t : (N, k) array
-        [s]
-    q, v, a : (N, k, nq), (N, k, nv), (N, k, nv) array
-    lam : (N, k, m) array
-        Constraint forces in the axes of each constraint [N, N m].
-    tau : (N, k, nv) array
-        Torques applied, those of forces from outside with them, without springs and damping
-        [N, N m].
-    contact : (N, k, 4 + candidates) array or None
-        `ContactRecord.columns` of each motion, where contacts may open.
-    """
-
-    t: Array
+    t: Array  # (N, k) [s]
     q: Array
     v: Array
     a: Array
-    lam: Array
+    lam: Array  # (N, k, m) constraint forces in the axes of each constraint [N, N m]
+    # (N, k, nv) torques applied, those of forces from outside with them, without springs and
+    # damping [N, N m]
     tau: Array
+    # (N, k, 4 + candidates) `ContactRecord.columns` of each motion, where contacts may open
     contact: Array | None = None
 
     @property

@@ -64,40 +64,22 @@ _RENAMED: Final = {
 
 
 class Near(NamedTuple):
-    """The active contacts of a step, as a scheme sees them.
+    """The active contacts of a step, as a scheme sees them."""
 
-    Attributes
-    ----------
-    dt : float
-        Time step [s].
-    gaps : (k,) array
-        Of cones and half-lines [m, rad].
-    bends : (k,) array
-        How far curved paths take them from gap + dt J_n v+ [m]; zero if the scheme closes no gaps.
-    restitution : (k,) array
-        Of the same, zero of half-lines [1].
-    normals : (k,) array of int, or slice
-        Their rows along the normal.
-    G : (m, m) array
-        [1/kg]
-    before, free : (m,) array
-        J_c v, and J_c v+ of a step without impulses [m/s].
-    blocks : (m,) array of int
-        Which contact each row belongs to.
-    allowed : (k,) array
-        By how much gaps may shrink in the step, of a scheme that closes them; of what is pushed out
-        that is negative [m, rad].
-    """
-
-    dt: float
-    gaps: Array
+    dt: float  # time step [s]
+    gaps: Array  # (k,) of cones and half-lines [m, rad]
+    # (k,) how far curved paths take them from gap + dt J_n v+ [m]; zero if the scheme closes no
+    # gaps
     bends: Array
-    restitution: Array
-    normals: Indices | slice
-    G: Array
+    restitution: Array  # (k,) of the same, zero of half-lines [1]
+    normals: Indices | slice  # (k,) their rows along the normal
+    G: Array  # (m, m) [1/kg]
+    # before, free (m,): J_c v, and J_c v+ of a step without impulses [m/s]
     before: Array
     free: Array
-    blocks: Indices
+    blocks: Indices  # (m,) which contact each row belongs to
+    # (k,) by how much gaps may shrink in the step, of a scheme that closes them; of what is pushed
+    # out that is negative [m, rad]
     allowed: Array = _NO_GAPS
 
     @property
@@ -124,10 +106,8 @@ class Near(NamedTuple):
         return self._by_row(diagonal[self.normals], diagonal)
 
     def behind(self, strike: Strike) -> Near:
-        """The contacts after an impact; those that rebound keep their separating velocity.
-
-        g_n = J_n v_free - max(J_n v', 0),    v' the velocity behind the impact
-        """
+        """The contacts after an impact; those that rebound keep their separating velocity."""
+        # g_n = J_n v_free - max(J_n v', 0),    v' the velocity behind the impact
         m = len(strike.lam)
         thrown = self.G[:, :m].dot(strike.lam)
         free, n = self.free + thrown, self.normals
@@ -145,31 +125,16 @@ class Near(NamedTuple):
 
 
 class BiasPartials(NamedTuple):
-    """Partial derivatives of g and R of a contact scheme; None where they are zero.
+    """Partial derivatives of g and R of a contact scheme; None where they are zero."""
 
-    Attributes
-    ----------
-    gaps, bends : (k,) array
-        g of the normal rows by gaps and bends [1/s].
-    before : (m,) array
-        g by the velocity before, each row by its own.
-    restitution : (k,) array
-        g of the normal rows by the coefficient [m/s].
-    solref : (m, 2) array
-        g by the two numbers of a soft scheme.
-    R_gaps : (m,) array
-        R by the gap of its contact [1/(kg m)].
-    R_stiffness : (m,) array
-        R by G_nn of its contact [1].
-    """
-
+    # gaps, bends (k,): g of the normal rows by gaps and bends [1/s]
     gaps: Array | None = None
     bends: Array | None = None
-    before: Array | None = None
-    restitution: Array | None = None
-    solref: Array | None = None
-    R_gaps: Array | None = None
-    R_stiffness: Array | None = None
+    before: Array | None = None  # (m,) g by the velocity before, each row by its own
+    restitution: Array | None = None  # (k,) g of the normal rows by the coefficient [m/s]
+    solref: Array | None = None  # (m, 2) g by the two numbers of a soft scheme
+    R_gaps: Array | None = None  # (m,) R by the gap of its contact [1/(kg m)]
+    R_stiffness: Array | None = None  # (m,) R by G_nn of its contact [1]
 
 
 @dataclass(frozen=True)
@@ -250,13 +215,10 @@ class ContactScheme(Integrator, ABC):
 
 
 def closing_velocities(near: Near) -> Array:
-    """Return g of gaps that are zero at the end of a step, and penetrations a fifth less.
-
-    g_n = J_n v_free + (s + gap) / dt  (gap > 0),    J_n v_free + s / dt - p  (gap < 0)
-
-    with p = min(-0.2 gap / dt, 0.2 m/s), or what of it a rigid motion can follow. Where G_nn is
-    zero, constraints hold the contact: it goes where they go, whatever is asked for.
-    """
+    """Return g of gaps that are zero at the end of a step, and penetrations a fifth less."""
+    # g_n = J_n v_free + (s + gap) / dt  (gap > 0),    J_n v_free + s / dt - p  (gap < 0)
+    # with p = min(-0.2 gap / dt, 0.2 m/s), or what of it a rigid motion can follow. Where G_nn is
+    # zero, constraints hold the contact: it goes where they go, whatever is asked for.
     g, n = near.free.copy(), near.normals
     g[n] += (near.bends + near.allowed) / near.dt
     stiff = near.G.diagonal()
@@ -277,10 +239,8 @@ def are_slower(v: Array, limit: float) -> bool:
 
 
 def allowed_gaps(gaps: Array, dt: float) -> Array:
-    """Allowed decrease of gaps in a step (k,): to zero, and penetrations by -0.2 of them.
-
-    A penetration of up to a nanometre stays; no other is pushed out faster than at `PUSHES`.
-    """
+    """Allowed decrease of gaps in a step (k,): to zero, and penetrations by -0.2 of them."""
+    # A penetration of up to a nanometre stays; no other is pushed out faster than at `PUSHES`.
     return np.array([_allowed(gap, -PUSHES * dt) for gap in gaps.tolist()])
 
 
@@ -291,14 +251,12 @@ def _allowed(gap: float, fastest: float) -> float:
 
 
 def yielding_gaps(near: Near) -> Array:
-    """Allowed decrease of gaps (k,) [m, rad], where opposing pushes yield to other contacts.
-
-        y = argmin_{y >= 0}  y . (G_nn + soft) y / 2 - ask . y
-
-    with ask = p and a little softness of what is pushed out, and ask = -gap / dt of all else, which
-    is hard. The motion M^-1 J_n^T y can follow p' = min(p, G_nn y), and Signorini's condition
-    allows it: a body between two walls that overlap by more than its size stays in place.
-    """
+    """Allowed decrease of gaps (k,) [m, rad], where opposing pushes yield to other contacts."""
+    #     y = argmin_{y >= 0}  y . (G_nn + soft) y / 2 - ask . y
+    # with ask = p and a little softness of what is pushed out, and ask = -gap / dt of all else,
+    # which is hard. The motion M^-1 J_n^T y can follow p' = min(p, G_nn y), and Signorini's
+    # condition allows it: a body between two walls that overlap by more than its size stays in
+    # place.
     allowed = allowed_gaps(near.gaps, near.dt)
     if len(allowed) < 2 or not min(allowed.tolist()) < 0.0:
         return allowed
@@ -316,10 +274,8 @@ def yielding_gaps(near: Near) -> Array:
 
 
 def _feasible_pushes(N: Array, wanted: Array, bent: Array) -> Array:
-    """Feasible part of the push velocities `wanted` (k,), which are p or -gap / dt [m/s].
-
-    `bent` is the velocity by path curvature.
-    """
+    """Feasible part of the push velocities `wanted` (k,), which are p or -gap / dt [m/s]."""
+    # `bent` is the velocity by path curvature.
     from scipy.optimize import nnls
 
     size, pushed = np.sqrt(N.diagonal()), wanted > 0.0
@@ -343,11 +299,9 @@ def _feasible_pushes(N: Array, wanted: Array, bent: Array) -> Array:
 
 
 def closing_by(near: Near) -> BiasPartials:
-    """Partial derivatives of `closing_velocities` by gaps and bends.
-
-    A contact that rests, up to a nanometre deep, has the slope of an open one: rounding of a zero
-    gap has no effect.
-    """
+    """Partial derivatives of `closing_velocities` by gaps and bends."""
+    # A contact that rests, up to a nanometre deep, has the slope of an open one: rounding of a zero
+    # gap has no effect.
     # numbers one by one: for the few of a robot they take half the time of numpy's calls
     gaps = [
         (1.0 if gap >= -AT_REST else _PUSHED_OUT if allowed == _PUSHED_OUT * gap else 0.0) / near.dt
@@ -357,9 +311,7 @@ def closing_by(near: Near) -> BiasPartials:
 
 
 def sizes_of_gaps() -> tuple[float, float, float, float, float]:
-    """Gap thresholds of a step, for the compiled core.
-
-    Largest gap of an active contact [m], share of a penetration that a step removes, its
-    largest speed [m/s, rad/s], depth that stays, and gap of a touching contact [m, rad].
-    """
+    """Gap thresholds of a step, for the compiled core."""
+    # Largest gap of an active contact [m], share of a penetration that a step removes, its largest
+    # speed [m/s, rad/s], depth that stays, and gap of a touching contact [m, rad].
     return _NEAR, _PUSHED_OUT, PUSHES, AT_REST, _TOUCHES

@@ -64,20 +64,11 @@ class Order(NamedTuple):
 
 
 class StepEffects(NamedTuple):
-    """Effects of a step with contacts, besides its state.
+    """Effects of a step with contacts, besides its state."""
 
-    Attributes
-    ----------
-    work : ContactWork
-        Work of contacts since the start of the run, this step included [J].
-    events : tuple of ContactEvent
-        Events located in the step.
-    notes : tuple of (float, Note)
-        Sentences on the step, each with its time [s]. A step that failed has those so far.
-    """
-
-    work: ContactWork
-    events: tuple[ContactEvent, ...] = ()
+    work: ContactWork  # work of contacts since the start of the run, this step included [J]
+    events: tuple[ContactEvent, ...] = ()  # events located in the step
+    # Sentences on the step, each with its time [s]. A step that failed has those so far.
     notes: tuple[tuple[float, Note], ...] = ()
 
 
@@ -175,12 +166,10 @@ _DAMPING = 1e-9
 def fixed_point_iteration(
     iteration: Callable[[], float], title: str, t: float, dt: float, size: float
 ) -> None:
-    """Iterate until what is left no longer halves in two iterations: some take turns.
-
-    `iteration` improves on what it has, and returns what was left before [m, rad]; `size` is that
-    of the numbers that are iterated on (`System.size`). StepFailed if it stops to converge too
-    early.
-    """
+    """Iterate until what is left no longer halves in two iterations: some take turns."""
+    # `iteration` improves on what it has, and returns what was left before [m, rad]; `size` is that
+    # of the numbers that are iterated on (`System.size`). StepFailed if it stops to converge too
+    # early.
     small, rounding = _SMALL * size, _ROUNDING * size
     two_before = before = float("inf")
     count, why = 0, ""

@@ -116,19 +116,12 @@ class LinearlyImplicitMidpoint(Integrator):
 
 
 class _Middle:
-    """The middle of a step: V' there, from a V' that is nearly it.
-
-    Attributes
-    ----------
-    system : System
-        Whose springs and damping act where the iteration ends.
-    a : (nv,) array
-        The last acceleration found, in the axes of the middle.
-    """
+    """The middle of a step: V' there, from a V' that is nearly it."""
 
     def __init__(self, system: System, dt: float) -> None:
         self._manifold, self._half = system.manifold, np.array(dt / 2)
-        self.a = np.zeros(0)
+        self.a = np.zeros(0)  # (nv,) the last acceleration found, in the axes of the middle
+        # whose springs and damping act where the iteration ends
         self.system = system.iterated(dt / 2, lambda: self.a)
 
     def improved(self, t: float, q: Array, v: Array, A: Array) -> Array:
