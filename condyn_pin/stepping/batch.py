@@ -313,10 +313,8 @@ _DEEP: Final = 0.9 * tolerances.NEARLY_CLOSED
 
 
 def step_plan(integrator: Integrator, dt: float, *, to_rounding: bool = False) -> Array:
-    """Settings of a step, as the ``StepPlan`` of the core.
-
-    `to_rounding` makes impulses so accurate that modes can be read from them.
-    """
+    """Settings of a step, as the ``StepPlan`` of the core."""
+    # `to_rounding` makes impulses so accurate that modes can be read from them.
     assert isinstance(integrator, StewartTrinkle)
     method = _method(integrator.contact)
     if to_rounding:
@@ -338,11 +336,9 @@ class _Method(NamedTuple):
 
 
 def _method(solver: ContactSolver) -> _Method:
-    """``ContactMethod`` settings of a contact solver.
-
-    Where no parameter of `ADMM` is chosen, Newton's method comes first: compiled it takes less
-    time, and ends at rounding.
-    """
+    """``ContactMethod`` settings of a contact solver."""
+    # Where no parameter of `ADMM` is chosen, Newton's method comes first: compiled it takes less
+    # time, and ends at rounding.
     if isinstance(solver, ADMM):
         return _Method(
             alternates=True, newton_first=solver == ADMM(), sticks_first=not solver.polish,

@@ -86,29 +86,17 @@ _LOOKS = 64
 
 
 class ContactSteps:
-    """The steps of one system with one scheme and one dt.
+    """The steps of one system with one scheme and one dt."""
 
-    Attributes
-    ----------
-    floating : Manifold
-        The axes of floating bodies.
-    paths : CurvatureCorrection
-    ends : EndsOfPaths
-    closings : LoopProjection
-    last : AcceptedStep
-        The step that was taken last.
-    always_strikes : bool
-        Whether impacts are apart from the step behind them also where Newton's law is the same.
-    """
-
+    # whether impacts are apart from the step behind them also where Newton's law is the same
     always_strikes: bool = False
-    last: AcceptedStep
+    last: AcceptedStep  # the step that was taken last
 
     def __init__(self, scheme: ContactScheme, system: System, dt: float) -> None:
         self._scheme, self._system, self._dt = scheme, system, dt
         self._equations, self._candidates = system.equations, system.contacts
         self._run = algorithms(self._equations.data)
-        self.floating = system.manifold
+        self.floating = system.manifold  # the axes of floating bodies
         self.paths = CurvatureCorrection(system, self.floating, dt)
         self.ends = EndsOfPaths(system, self.floating, dt)
         self._applied, passive = system.applied, system.passive
@@ -129,10 +117,8 @@ class ContactSteps:
         self._slow = system.manifold.slow(dt)
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Return q and v at the end of a step, and the mean acceleration.
-
-        StepFailed if the contact solver has no answer.
-        """
+        """Return q and v at the end of a step, and the mean acceleration."""
+        # StepFailed if the contact solver has no answer.
         self._own = StepEffects(NO_WORK)
         taken = self.attempt(t, q, v)
         if self._is_driven:
@@ -312,11 +298,9 @@ class ContactSteps:
         return tried if off is None else self._along_paths(tried, off)
 
     def _along_paths(self, tried: list[StepAttempt], off: Array) -> list[StepAttempt]:
-        """Return a step as it was tried again along its paths, until each ends where it should.
-
-        Contacts that do not feel each other end by themselves: each group keeps the best of its
-        attempts, whatever those of others bring.
-        """
+        """Return a step as it was tried again along its paths, until each ends where it should."""
+        # Contacts that do not feel each other end by themselves: each group keeps the best of its
+        # attempts, whatever those of others bring.
         solver, first = self._scheme.contact, tried[0].posed
         of_gaps, of_velocities = self.ends.alone(first)
         groups = np.arange(int(of_gaps.max(initial=-1)) + 1)
@@ -375,10 +359,8 @@ class ContactSteps:
         return self.ends.gap_errors(tried.posed, tried.attempt.lam, tried.v)
 
     def _missed(self, posed: StepProblem, v1: Array) -> NDArray[np.bool_] | None:
-        """Return a flag for each gap that the step closes and that takes no part, None for none.
-
-        Where a step is long, or an impulse turns a body, what was far away goes through.
-        """
+        """Return a flag for each gap that the step closes and that takes no part, None for none."""
+        # Where a step is long, or an impulse turns a body, what was far away goes through.
         near = posed.chosen.near
         if posed.chosen.is_everything:
             return None
@@ -394,10 +376,8 @@ class ContactSteps:
     def pose(
         self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None
     ) -> StepProblem:
-        """Return the step from a state with its contact problem, not yet solved.
-
-        The gaps in the problem are those that are near, or those that are `active`.
-        """
+        """Return the step from a state with its contact problem, not yet solved."""
+        # The gaps in the problem are those that are near, or those that are `active`.
         scheme, system, floating, dt = self._scheme, self._system, self.floating, self._dt
         at, looks_at = q, self.looks_at(t)
         if scheme.at_midpoint:
@@ -465,12 +445,10 @@ class ContactSteps:
     def _bent(
         self, at: Array, v: Array, gaps: Array, J: Array
     ) -> tuple[Array | None, Array | None]:
-        """Path bend s of contacts at rest on a plane (k,) [m], and q at the end of dt v.
-
-            s = gap(q (+) dt v) - gap - dt J_n v
-
-        A contact is at rest if its gap and rate are of the size of s, and s / dt. None without one.
-        """
+        """Path bend s of contacts at rest on a plane (k,) [m], and q at the end of dt v."""
+        #     s = gap(q (+) dt v) - gap - dt J_n v
+        # A contact is at rest if its gap and rate are of the size of s, and s / dt. None without
+        # one.
         candidates, dt = self._candidates, self._dt
         k, small = candidates.contact_points, self._scheme.touching
         speeds = J[2 : 3 * k : 3].dot(v)
@@ -489,11 +467,9 @@ class ContactSteps:
         return bent, end
 
     def _is_resolved(self, M: Array, q: Array) -> bool:
-        """True if springs and dampers are soft enough to act in the middle of a step.
-
-        trace M^-1 (dt D + dt^2 K) <= 1: at the middle of the step stiffer ones would swing on,
-        which they do not at its end.
-        """
+        """True if springs and dampers are soft enough to act in the middle of a step."""
+        # trace M^-1 (dt D + dt^2 K) <= 1: at the middle of the step stiffer ones would swing on,
+        # which they do not at its end.
         if not self._is_implicit:
             return True
         try:
@@ -520,10 +496,8 @@ class ContactSteps:
     def impact_at(
         self, chosen: ActiveCandidates, near: Near, at: Array, v: Array
     ) -> ContactProblem:
-        """Contact problem of the same contacts before an impact at another state.
-
-        Placements are those of that state; `near` has the contacts of the step.
-        """
+        """Contact problem of the same contacts before an impact at another state."""
+        # Placements are those of that state; `near` has the contacts of the step.
         M, _, J_b, _ = self._equations.consistent_parts(at, v)
         _, J = self._candidates.evaluate(self._equations.data, at)
         factors = self._factors(M.copy() if self._is_implicit else M, J_b, at)
@@ -532,10 +506,8 @@ class ContactSteps:
         return chosen.impact(near._replace(G=there.G, before=J_c.dot(v)))
 
     def pose_along(self, posed: StepProblem, u: Array, kept: Kept | None = None) -> StepProblem:
-        """Return a step again, with its contacts as they are where a path along u ends.
-
-        Those that are `kept` at the beginning bend as they did there.
-        """
+        """Return a step again, with its contacts as they are where a path along u ends."""
+        # Those that are `kept` at the beginning bend as they did there.
         there, dt = self.ends.there(posed.at, u), self._dt
         near_there = self._scheme.near(there.gaps, u, dt)
         active = self.ends.takes_part(posed, there, near_there)

@@ -206,26 +206,15 @@ _SHORTEST = 1e-9
 
 
 class Segment(NamedTuple):
-    """The end of a segment.
+    """The end of a segment."""
 
-    Attributes
-    ----------
-    t, q, v
-        The state there.
-    work : float
-        Of friction on the way [J].
-    is_event : bool
-        Whether something has come to its end there.
-    at_end : bool
-        Whether that is the force of a contact.
-    """
-
+    # t, q, v: the state there
     t: float
     q: Array
     v: Array
-    work: float
-    is_event: bool
-    at_end: bool
+    work: float  # of friction on the way [J]
+    is_event: bool  # whether something has come to its end there
+    at_end: bool  # whether that is the force of a contact
 
 
 class _Try(NamedTuple):
@@ -272,10 +261,8 @@ class Segments:
     def _guided(
         self, now: PhaseStart, guide: Guide
     ) -> tuple[ModeDynamics, _Try, NDArray[np.bool_]]:
-        """Segment with guided slips turned as required, and flags of those that miss.
-
-        By Newton's method on the rates; how speeds across slips depend on them is found at once.
-        """
+        """Segment with guided slips turned as required, and flags of those that miss."""
+        # By Newton's method on the rates; how speeds across slips depend on them is found at once.
         turning, slopes = np.zeros(len(guide.guided)), None
         dynamics, made, across = self._turned(now, guide, turning)
         which = np.flatnonzero(guide.guided & ~guide.ends)
@@ -337,10 +324,8 @@ class Segments:
         return float(brentq(value, 0.0, 1.0, xtol=_FOUND, rtol=_FOUND)), part
 
     def _work(self, now: PhaseStart, dynamics: ModeDynamics, made: _Try) -> float:
-        """Return the work of friction on a segment [J], by Simpson's rule.
-
-        The state in the middle is that of the cubic through both ends and their slopes.
-        """
+        """Return the work of friction on a segment [J], by Simpson's rule."""
+        # The state in the middle is that of the cubic through both ends and their slopes.
         start, end = now.held.lam.dot(now.terms.sigma), made.held.lam.dot(made.terms.sigma)
         if not made.h or not (len(dynamics.sliding) or (dynamics.of_dry == SLIDE).any()):
             return 0.0
@@ -422,17 +407,10 @@ _SLIP_FOUND, _ROUNDED = 1e-10, 1e-13
 
 
 class Guide(NamedTuple):
-    """Length of a segment, and the slips that are guided in it.
+    """Length of a segment, and the slips that are guided in it."""
 
-    Attributes
-    ----------
-    h : float
-        Largest length of the segment [s].
-    guided, ends : (cones,) bool array
-        Which slips are guided, and which of them along a line to their end.
-    """
-
-    h: float
+    h: float  # largest length of the segment [s]
+    # guided, ends (cones,): which slips are guided, and which of them along a line to their end
     guided: NDArray[np.bool_]
     ends: NDArray[np.bool_]
 
@@ -444,10 +422,8 @@ class SlipGuide:
         self._candidates = candidates
 
     def before(self, now: PhaseStart, left: float, bent: NDArray[np.bool_]) -> Guide:
-        """Length and guided slips of a segment of `left` seconds at most.
-
-        `bent` flags slips that were guided along a line to their end, and missed it.
-        """
+        """Length and guided slips of a segment of `left` seconds at most."""
+        # `bent` flags slips that were guided along a line to their end, and missed it.
         terms, rough = now.terms, self._rough(now.dynamics)
         guided, ending = np.zeros_like(rough), np.zeros_like(rough)
         rates = now.held.rate[: 3 * len(rough)].reshape(-1, 3)[:, :2]

@@ -480,22 +480,15 @@ _SPEED = 1e-9
 
 
 class Margins(NamedTuple):
-    """Margins at a state, each an array.
+    """Margins at a state, each an array."""
 
-    Attributes
-    ----------
-    gaps, forces : (cones + half_lines,) array
-        [m, rad], [N, N m]; infinite of what is in the other mode.
-    cones, dry : array
-        Of friction that sticks [N, N m]; infinite of what slides.
-    slips, dry_slips : array
-        Speeds of what slides [m/s, rad/s]; infinite of what sticks.
-    """
-
+    # gaps, forces (cones + half_lines,): [m, rad], [N, N m]; infinite of what is in the other mode
     gaps: Array
     forces: Array
+    # cones, dry: of friction that sticks [N, N m]; infinite of what slides
     cones: Array
     dry: Array
+    # slips, dry_slips: speeds of what slides [m/s, rad/s]; infinite of what sticks
     slips: Array
     dry_slips: Array
 

@@ -388,11 +388,9 @@ class ProvedSteps:
         return float((tolerances.FORCES * sizes + tolerances.FINEST * momenta).max())
 
     def _energy_error(self, start: StepStart, q1: Array, v1: Array) -> tuple[float, float]:
-        """Return the energy that no work explains, and the largest of a step that is right [J].
-
-        A step of order 1 is off by what a force does along the way that it brings about in it,
-        dt F . M^-1 F dt, and an implicit one takes of stiff springs what they have.
-        """
+        """Return the energy that no work explains, and the largest of a step that is right [J]."""
+        # A step of order 1 is off by what a force does along the way that it brings about in it, dt
+        # F . M^-1 F dt, and an implicit one takes of stiff springs what they have.
         if not (np.isfinite(q1).all() and np.isfinite(v1).all()):
             return nan, nan
         posed, work = self._steps.last.posed, self._steps.last.work
@@ -429,11 +427,9 @@ class ProvedSteps:
         return Load(torque, np.abs(torque), (), ())
 
     def _load(self, q: Array, lam: Array) -> Load:
-        """Forces lam of all candidates at q (rows,) [N, N m], as wrenches: without Jacobians.
-
-        Wrenches are those of cones, on the robot and on what carries its ground; the torque is that
-        of stops and of dry friction.
-        """
+        """Forces lam of all candidates at q (rows,) [N, N m], as wrenches: without Jacobians."""
+        # Wrenches are those of cones, on the robot and on what carries its ground; the torque is
+        # that of stops and of dry friction.
         model, data, candidates = self._system.model, self._system.equations.data, self._candidates
         self._run.forwardKinematics(model, data, q)
         points, axes = candidates.points(data, q), candidates.axes(data, q)

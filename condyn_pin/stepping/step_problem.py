@@ -191,11 +191,9 @@ class EndsOfPaths:
         self._pairs = self._contacts.several
 
     def gap_errors(self, posed: StepProblem, lam: Array, v1: Array) -> Array | None:
-        """Error of gaps at the end of a step (k,) [m, rad]; None if within tolerance.
-
-        Too deep, or pressed on before it touches; or pressed on along J at the beginning where its
-        path bends into the ground from there.
-        """
+        """Error of gaps at the end of a step (k,) [m, rad]; None if within tolerance."""
+        # Too deep, or pressed on before it touches; or pressed on along J at the beginning where
+        # its path bends into the ground from there.
         dt, near = self._dt, posed.near
         bent = max(map(abs, near.bends.tolist()), default=0.0)
         if posed.path is None and bent < MISSED and are_slower(v1, STRAIGHT / dt):
@@ -221,10 +219,8 @@ class EndsOfPaths:
         return off if off.max(initial=0.0) > MISSED else None
 
     def alone(self, posed: StepProblem) -> tuple[Array, Array]:
-        """Group of each gap and of each velocity, coupled ones in one group.
-
-        Gaps that nothing moves, and velocities that move none, are in no group: -1.
-        """
+        """Group of each gap and of each velocity, coupled ones in one group."""
+        # Gaps that nothing moves, and velocities that move none, are in no group: -1.
         contacts, condensed = self._contacts, posed.condensed.with_contacts(posed.J)
         X, L = condensed.X, condensed.factors.L
         starts = np.searchsorted(contacts.blocks, np.arange(len(contacts.names)))
@@ -264,10 +260,8 @@ class EndsOfPaths:
     def takes_part(
         self, posed: StepProblem, there: EndOfStep, near: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Flags of active gaps: those before, those that close, and pairs as they meet.
-
-        `near` says which are near at the end.
-        """
+        """Flags of active gaps: those before, those that close, and pairs as they meet."""
+        # `near` says which are near at the end.
         active = posed.chosen.near | (there.gaps < 0)
         for places in self._pairs:
             active[places] = near[places]
@@ -275,10 +269,8 @@ class EndsOfPaths:
 
 
 def next_path(posed: StepProblem, path: Array, v1: Array) -> Array:
-    """Return the path after one that has led to v+: for velocities, and how they change.
-
-    The first of them is along v, and with an impact nothing goes on as it did.
-    """
+    """Return the path after one that has led to v+: for velocities, and how they change."""
+    # The first of them is along v, and with an impact nothing goes on as it did.
     return v1 if posed.path is None else 0.5 * (path + v1)
 
 
@@ -314,24 +306,10 @@ class CurvatureCorrection:
     def bends(
         self, q: Array, v: Array, gaps: Array, speeds: Array, chosen: ActiveCandidates
     ) -> tuple[Array, Array | None]:
-        """Return s of the active cones and half-lines (k,) [m], and q (+) dt v.
-
-        That is None where nothing active is over a plane.
-
-        Parameters
-        ----------
-        q, v : (nq,), (nv,) array
-            Where the path begins, and the velocity along it.
-        gaps : (k,) array
-            At q [m, rad].
-        speeds : (m,) array
-            J_c v, of the contacts at q [m/s].
-        chosen : Chosen
-
-        Notes
-        -----
-        It takes 5 us, and leaves the placements of q (+) dt v in the data of the system.
-        """
+        """Return s of the active cones and half-lines (k,) [m], and q (+) dt v, in 5 us."""
+        # `gaps` (k,) [m, rad] and `speeds` J_c v (m,) are those at q, where the path begins along
+        # v. None for q where nothing active is over a plane. The data of the system keep its
+        # placements.
         contacts, data, dt = self._system.contacts, self._system.equations.data, self._dt
         k, bends = chosen.contact_points, np.zeros(len(gaps))
         if not k:
@@ -360,10 +338,8 @@ class CurvatureCorrection:
 
 
 def step_work(scheme: ContactScheme, posed: StepProblem, lam: Array, v1: Array) -> ContactWork:
-    """Work of impulses lam (m,) in a step to v+ (nv,) [J].
-
-    Compliant contacts do work of either sign, as springs: all of it is `contact`.
-    """
+    """Work of impulses lam (m,) in a step to v+ (nv,) [J]."""
+    # Compliant contacts do work of either sign, as springs: all of it is `contact`.
     if not len(lam):
         return NO_WORK
     near = posed.near
@@ -376,10 +352,8 @@ def step_work(scheme: ContactScheme, posed: StepProblem, lam: Array, v1: Array) 
 
 
 def drive_work(posed: StepProblem, lam: Array, rows: Indices) -> float:
-    """Work of driven `rows` of the constraints in a step with impulses lam (m,) [J].
-
-    l_b . (J_b v + J_b v+) / 2,    J_b = U S V^T L^T
-    """
+    """Work of driven `rows` of the constraints in a step with impulses lam (m,) [J]."""
+    # l_b . (J_b v + J_b v+) / 2,    J_b = U S V^T L^T
     condensed = posed.condensed
     factors, r = condensed.factors, condensed.factors.rank
     moved = factors.V.T.dot(posed.v.dot(factors.L)) + condensed.held
@@ -470,11 +444,9 @@ class AcceptedStep(NamedTuple):
 
 
 def answered(posed: StepProblem, solver: ContactSolver) -> StepAttempt:
-    """Return a step with impulses that meet its contact problem, or the best that were found.
-
-    Redundant contacts are checked before the solver tries all else that it has, which may take a
-    thousand times as long, and again where that has not helped.
-    """
+    """Return a step with impulses that meet its contact problem, or the best that were found."""
+    # Redundant contacts are checked before the solver tries all else that it has, which may take a
+    # thousand times as long, and again where that has not helped.
     problem, accuracy = posed.problem, tolerances.CONTACT_SOLVED
     if not solver.exact:
         return _with_answer(posed, *attempt_contact(problem, solver, None, accuracy))

@@ -48,34 +48,17 @@ _MOST = 100
 
 @dataclass(frozen=True, eq=False)
 class PhaseStart:
-    """A state from which motion goes on smoothly.
+    """A state from which motion goes on smoothly."""
 
-    Attributes
-    ----------
-    terms : ContactTerms
-        The state behind all that has happened in this instant.
-    dynamics, held : ModeDynamics, FixedModes
-        Modes, and accelerations and forces.
-    natural : float
-        Residual of the problem that gave the modes [1].
-    impulse : (rows,) array
-        Impulses of the instant [N s].
-    work : float
-        Their work [J].
-    driven : float
-        Work of driven constraints in the instant [J].
-    what : str
-        ``impact``, ``shock``, or nothing.
-    """
-
-    terms: ContactTerms
+    terms: ContactTerms  # the state behind all that has happened in this instant
+    # dynamics, held: modes, and accelerations and forces
     dynamics: ModeDynamics
     held: FixedModes
-    natural: float
-    impulse: Array
-    work: float = 0.0
-    driven: float = 0.0
-    what: str = ""
+    natural: float  # residual of the problem that gave the modes [1]
+    impulse: Array  # (rows,) impulses of the instant [N s]
+    work: float = 0.0  # their work [J]
+    driven: float = 0.0  # work of driven constraints in the instant [J]
+    what: str = ""  # ``impact``, ``shock``, or nothing
 
     def without_impulse(self) -> PhaseStart:
         """The state without its impulse and work, once these are counted."""
@@ -104,10 +87,8 @@ class Transition:
         self.notes: list[tuple[float, Note]] = []
 
     def at(self, t: float, q: Array, v: Array, *, at_end: bool = False) -> PhaseStart:
-        """Start of the smooth motion from a state, behind its impacts and shocks.
-
-        `at_end` is true if a force has just reached the limit of its contact.
-        """
+        """Start of the smooth motion from a state, behind its impacts and shocks."""
+        # `at_end` is true if a force has just reached the limit of its contact.
         impulse, what = np.zeros(self._system.contacts.rows), ""
         work = driven = 0.0
         for _ in range(_MOST):
@@ -309,10 +290,9 @@ class NextModes:
     def _struck(
         self, terms: ContactTerms, e: Array, guess: Array | None
     ) -> tuple[ImpactResult, float]:
-        """Impact of all touching contacts, and its natural residual.
-
-        Contacts that the law of restitution resolves by itself rebound first, the rest by Newton's.
-        """
+        """Impact of all touching contacts, and its natural residual."""
+        # Contacts that the law of restitution resolves by itself rebound first, the rest by
+        # Newton's.
         active = np.concatenate((terms.touches, ~self._all_dry))
         rows, impulse = self._candidates.rows_of(active), np.zeros(len(terms.J))
         now = terms.struck(np.flatnonzero(rows))
