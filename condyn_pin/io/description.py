@@ -68,11 +68,9 @@ def circle_of(leaders: Mapping[str, str]) -> list[str]:
 
 
 def implausible_inertias(bodies: Iterable[Body]) -> Iterator[str]:
-    """Yield a sentence on bodies with inertias that no solid has.
-
-    A file may have such a body where nothing moves it by itself, and real files do. The composite
-    inertia moved by a joint is checked again later (`condyn_pin.model.soundness`).
-    """
+    """Yield a sentence on bodies with inertias that no solid has."""
+    # A file may have such a body where nothing moves it by itself, and real files do. The composite
+    # inertia moved by a joint is checked again later (`condyn_pin.model.soundness`).
     reasons: dict[str, list[str]] = {}
     for name, mass, inertia in bodies:
         if reason := _fault(mass, inertia):

@@ -28,12 +28,10 @@ class Mesh:
         return Mesh(self.vertices @ T[:3, :3].T + T[:3, 3], self.faces)
 
     def simplified(self, cell: float) -> Mesh:
-        """Return the mesh with all vertices in a box of edges `cell` [m] merged to their mean.
-
-        Triangles that lose a corner vanish, and so do parts smaller than a cell. No edge of a cell
-        is longer than a third of the mesh along it: rods and plates keep their shape. Vertex
-        clustering of Rossignac and Borrel (1993): O(k log k), and no topology is needed.
-        """
+        """Return the mesh with all vertices in a box of edges `cell` [m] merged to their mean."""
+        # Triangles that lose a corner vanish, and so do parts smaller than a cell. No edge of a
+        # cell is longer than a third of the mesh along it: rods and plates keep their shape. Vertex
+        # clustering of Rossignac and Borrel (1993): O(k log k), and no topology is needed.
         if not len(self.faces):
             return self
         from_corner = self.vertices - self.vertices.min(axis=0)
@@ -50,10 +48,8 @@ class Mesh:
 
 
 def _numbers(rows: NDArray[Any]) -> NDArray[np.int64]:
-    """Unique number of each row (k, 3) of integers from 0 on, equal for equal rows.
-
-    Numbers are compared much faster than rows.
-    """
+    """Unique number of each row (k, 3) of integers from 0 on, equal for equal rows."""
+    # Numbers are compared much faster than rows.
     x, y, z = rows.T.astype(np.int64)
     numbers: NDArray[np.int64] = (x * (y.max(initial=0) + 1) + y) * (z.max(initial=0) + 1) + z
     return numbers
@@ -130,12 +126,10 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute
 
 @lru_cache(maxsize=64)
 def read_mesh(path: Path) -> Mesh:
-    """Return the triangles of a file, in metres where it names its unit, else in its own units.
-
-    A binary STL is read here; all else (DAE, OBJ, PLY, text STL) by trimesh, with all materials,
-    each under the transform of its node. As in ROS and Gazebo, the up axis of a COLLADA file does
-    not rotate it.
-    """
+    """Return the triangles of a file, in metres where it names its unit, else in its own units."""
+    # A binary STL is read here; all else (DAE, OBJ, PLY, text STL) by trimesh, with all materials,
+    # each under the transform of its node. As in ROS and Gazebo, the up axis of a COLLADA file does
+    # not rotate it.
     try:
         content = path.read_bytes()
     except OSError as error:

@@ -38,10 +38,8 @@ _DEEPEST: Final = 16  # models that attach models
 
 
 def compiled(path: str | PathLike[str], tag: str = "") -> tuple[Any, tuple[str, ...]]:
-    """Return the mujoco.MjModel of a file, and its missing meshes, a sentence each.
-
-    A missing mesh is left out if no inertia depends on it. MuJoCo writes no file of warnings.
-    """
+    """Return the mujoco.MjModel of a file, and its missing meshes, a sentence each."""
+    # A missing mesh is left out if no inertia depends on it. MuJoCo writes no file of warnings.
     path = Path(path)
     if path.suffix == ".xml":
         root = _with_includes(path, tag)
@@ -121,10 +119,8 @@ def joint_names(mj: Any) -> list[str]:
 
 
 def _with_includes(path: Path, tag: str = "") -> Element:
-    """Root of a file, every <include> replaced by the content of the included file.
-
-    Names are relative to the first file, and none is included twice, as MuJoCo has it.
-    """
+    """Root of a file, every <include> replaced by the content of the included file."""
+    # Names are relative to the first file, and none is included twice, as MuJoCo has it.
     root = open_xml(path, tag)
     seen: set[Path] = set()
     waiting = [root]

@@ -506,10 +506,8 @@ def write_joint(robot: Robot, i: int, B: Any, drawn: Array) -> dict[str, str]:
 
 
 def scalar_axis(model: Any, i: int) -> tuple[str, Array]:
-    """Return "slide" or "hinge", and the axis in the joint, from S = (slide axis, hinge axis).
-
-    The kind is empty if a joint of one coordinate is neither, such as a screw.
-    """
+    """Return "slide" or "hinge", and the axis in the joint, from S = (slide axis, hinge axis)."""
+    # The kind is empty if a joint of one coordinate is neither, such as a screw.
     joint = model.joints[i]
     data = joint.createData()
     joint.calc(data, pin.neutral(model))
@@ -587,11 +585,9 @@ def _wxyz(rotation: Array) -> Array:
 
 
 def drawn_configuration(robot: Robot) -> Array:
-    """Return the configuration (nq,) in which an MJCF of the robot draws it.
-
-    That of its posture ``qpos0``, which comes with every MJCF, else neutral. A ball has no `ref`:
-    in MuJoCo it is drawn at 1 0 0 0.
-    """
+    """Return the configuration (nq,) in which an MJCF of the robot draws it."""
+    # That of its posture ``qpos0``, which comes with every MJCF, else neutral. A ball has no `ref`:
+    # in MuJoCo it is drawn at 1 0 0 0.
     neutral = np.array(pin.neutral(robot.model))
     q = np.array(robot.postures.get(DRAWN, neutral))
     for joint in robot.model.joints[1:]:

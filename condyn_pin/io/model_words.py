@@ -83,20 +83,16 @@ def model_words(model: Any) -> tuple[Words, Arrays]:
 
 
 def _same_numbers(again: Sequence[str], first: Sequence[str]) -> bool:
-    """True for equal texts of models, but for limits that are infinite in what was read again.
-
-    Of acceleration and jerk, which Pinocchio 4 keeps and Python cannot reach.
-    """
+    """True for equal texts of models, but for limits that are infinite in what was read again."""
+    # Of acceleration and jerk, which Pinocchio 4 keeps and Python cannot reach.
     pairs = zip(again, first, strict=False)
     changed = {new for new, old in pairs if new != old} - {"inf", "-inf"}
     return len(again) == len(first) and not changed
 
 
 def model_of(words: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> tuple[Any, list[str]]:
-    """Return the model of untrusted words and arrays, and the numbers it lost, a sentence each.
-
-    LookupError, TypeError, ValueError or RuntimeError if they are of no model.
-    """
+    """Return the model of untrusted words and arrays, and the numbers it lost, a sentence each."""
+    # LookupError, TypeError, ValueError or RuntimeError if they are of no model.
     joints, frames = _a(list, words["joints"]), _a(list, words["frames"])
     n, f = len(joints), len(frames)
     model = pin.Model()
@@ -265,11 +261,9 @@ def _axis_of(joint: Any) -> Array:
 
 
 def _hinge_about(axis: Array) -> Any:
-    """Hinge about an axis, its q being (cos, sin).
-
-    Pinocchio makes one only from a URDF, and normalises its axis once more. So a URDF with another
-    axis is read, and the axis is put in its place in Pinocchio's own text of that model.
-    """
+    """Hinge about an axis, its q being (cos, sin)."""
+    # Pinocchio makes one only from a URDF, and normalises its axis once more. So a URDF with
+    # another axis is read, and the axis is put in its place in Pinocchio's own text of that model.
     model = pin.buildModelFromXML(_ANY_ANGLE_URDF)
     text = model.saveToString()
     for old, new in zip(_axis_of(model.joints[1].extract()), axis, strict=True):

@@ -111,11 +111,10 @@ class Joint:
         return self.kind in ("revolute", "continuous", "prismatic", "screw")
 
     def reversed(self) -> Joint:
-        """Return the joint with parent and child exchanged, and the axis opposite.
-
-        R(-a, q) = R(a, q)⁻¹: a hinge, slider or screw about the opposite axis keeps its coordinate
-        q, and with it limits, spring and damping. The quaternion of a ball becomes its inverse.
-        """
+        """Return the joint with parent and child exchanged, and the axis opposite."""
+        # R(-a, q) = R(a, q)⁻¹: a hinge, slider or screw about the opposite axis keeps its
+        # coordinate q, and with it limits, spring and damping. The quaternion of a ball becomes its
+        # inverse.
         axis = self.axis
         if axis.direction is not None:
             axis = replace(axis, direction=-axis.direction)

@@ -389,11 +389,9 @@ def short_names(parts: Collection[str], models: Sequence[str]) -> dict[str, str]
 
 
 def links_in(path: Path, model: str) -> list[tuple[str, Element, Path]]:
-    """Return the links of a model in a file, by name, and the files in which they are written.
-
-    It is the model of a name, several with + between their names, or the only one that moves,
-    whatever the robot is called.
-    """
+    """Return the links of a model in a file, by name, and the files in which they are written."""
+    # It is the model of a name, several with + between their names, or the only one that moves,
+    # whatever the robot is called.
     files = Files(path)
     try:
         chosen = files.chosen(model.split(" + ") if " + " in model else model)

@@ -256,10 +256,8 @@ def span(
     kept: Mapping[str, str],
     cut: Sequence[str],
 ) -> Span:
-    """Return the trees that these joints make from their roots to every link of the file.
-
-    `kept` has the joints that must not be cut, each with the reason; `cut` those that must be.
-    """
+    """Return the trees that these joints make from their roots to every link of the file."""
+    # `kept` has the joints that must not be cut, each with the reason; `cut` those that must be.
     for name in cut:
         if name not in [joint.name for joint in joints]:
             raise unknown_name("joint", name, [joint.name for joint in joints])
@@ -350,10 +348,8 @@ def _spanning(
 def _depth_first(
     at: Mapping[str, Sequence[Joint]], start: str
 ) -> tuple[tuple[Joint, ...], tuple[str, ...]]:
-    """Return the joints of a tree depth-first, as crba needs them, and which ones are reversed.
-
-    `at` has the joints of the tree at each link.
-    """
+    """Return the joints of a tree depth-first, as crba needs them, and which ones are reversed."""
+    # `at` has the joints of the tree at each link.
     tree: list[Joint] = []
     backwards: list[str] = []
     waiting = [(joint, start) for joint in reversed(at[start])]

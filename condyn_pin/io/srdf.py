@@ -23,11 +23,9 @@ from condyn_pin.io.xml import floats, label, open_xml, place
 def read_srdf(
     model: Any, path: Path, *, rotors: bool = False, inverted: Sequence[str] = ()
 ) -> dict[str, Array]:
-    """Return the configurations of an SRDF; joints that the model lacks are left out.
-
-    The model gets them too, and with `rotors` these and their armature. Joints that are `inverted`
-    run from child to parent in the tree.
-    """
+    """Return the configurations of an SRDF; joints that the model lacks are left out."""
+    # The model gets them too, and with `rotors` these and their armature. Joints that are
+    # `inverted` run from child to parent in the tree.
     with place(path):
         root = open_xml(path, "robot")
         if rotors:
@@ -46,10 +44,8 @@ def read_srdf(
 
 
 def read_exclusions(model: Any, path: Path) -> tuple[frozenset[frozenset[str]], tuple[str, ...]]:
-    """Pairs of links that do not collide, and a sentence on links that the model lacks.
-
-    With <disable_default_collisions> a link collides with those of <enable_collisions> alone.
-    """
+    """Pairs of links that do not collide, and a sentence on links that the model lacks."""
+    # With <disable_default_collisions> a link collides with those of <enable_collisions> alone.
     with place(path):
         root = open_xml(path, "robot")
     links = {frame.name for frame in model.frames}

@@ -43,10 +43,8 @@ def place(where: object) -> Iterator[None]:
 
 
 def open_xml(source: str | PathLike[str], tag: str = "") -> Element:
-    """Return the root of an XML, whose tag has to be this one, or raise InvalidModel.
-
-    The source is a file, or a text that begins with an element.
-    """
+    """Return the root of an XML, whose tag has to be this one, or raise InvalidModel."""
+    # The source is a file, or a text that begins with an element.
     try:
         if isinstance(source, str) and source.lstrip().startswith("<"):
             check_size(len(source))
@@ -77,10 +75,8 @@ def open_xml(source: str | PathLike[str], tag: str = "") -> Element:
 
 
 def _lenient(content: bytes, fault: ElementTree.ParseError) -> Element:
-    """Root of a malformed XML that simulators read all the same.
-
-    Text before the declaration, -- in a comment, and prefixes of names that nothing declares.
-    """
+    """Root of a malformed XML that simulators read all the same."""
+    # Text before the declaration, -- in a comment, and prefixes of names that nothing declares.
     content = _without_comments(content[max(content.find(b"<?xml"), 0) :])
     root = _ROOT.search(content)
     at = root.end() if root else 0
@@ -182,10 +178,8 @@ class Schema:
         self.elements, self.attributes = Counter[str](), Counter[str]()
 
     def checked(self, element: Element, where: str = "", path: str = "") -> Element:
-        """Return a copy of the read part of an element: numbers checked, single children once.
-
-        In error texts it is the `path` of tags in the part `where`, by default itself.
-        """
+        """Return a copy of the read part of an element: numbers checked, single children once."""
+        # In error texts it is the `path` of tags in the part `where`, by default itself.
         tag, words, one, many = self._tags[element.tag]
         where = where or label(element)
         copy, seen = Element(element.tag), set[str]()

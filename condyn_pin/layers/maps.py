@@ -94,15 +94,10 @@ Wanted = tuple[int | None, ...]  # a shape of which some axes may have any lengt
 
 
 class LayerMap(ABC):
-    """A function of arrays with any leading axes, and its derivatives.
-
-    Attributes
-    ----------
-    inputs : mapping of str to shape
-        Shapes of the arguments by name, in order.
-    """
+    """A function of arrays with any leading axes, and its derivatives."""
 
     def __init__(self, inputs: Mapping[str, Wanted]) -> None:
+        # shapes of the arguments by name, in order
         self.inputs, self._lock = dict(inputs), threading.Lock()
 
     @abstractmethod
@@ -213,19 +208,10 @@ class ParametrisedScene(NamedTuple):
 
 
 class Parameters:
-    """Some of the parameters of a scene, by name.
-
-    Attributes
-    ----------
-    made : ParametrisedScene
-        The scene as it was given, with its own parameters.
-    shapes : dict of str to shape
-        Of friction and restitution one number for each `FrictionalContact`, of solref two, and of
-        inertias ten for each joint.
-    """
+    """Some of the parameters of a scene, by name."""
 
     def __init__(self, made: ParametrisedScene, names: Sequence[str]) -> None:
-        self.made = self._last = made
+        self.made = self._last = made  # the scene as it was given, with its own parameters
         self._values: tuple[bytes, ...] = ()
         self._contacts = [
             i for i, c in enumerate(made.scene.contacts) if isinstance(c, FrictionalContact)
@@ -238,6 +224,8 @@ class Parameters:
         names = check_parameters(made.route, made.scheme, names)
         if len(set(names)) < len(names):
             raise InvalidArgument(f"wrt = {list(names)}: each name once")
+        # of friction and restitution one number for each `FrictionalContact`, of solref two, and of
+        # inertias ten for each joint
         self.shapes = {name: known[name] for name in names}
 
     def steps(self, values: Sequence[Array], dt: float) -> tuple[LinearizedStep, Route]:
@@ -329,13 +317,8 @@ class Configurations:
                 self._plain[j.idx_q + at, j.idx_v + at] = 1.0
 
     def unit(self, q: Array) -> tuple[Array, Array]:
-        """Return q with its unit parts normalised, and their lengths, one for all other numbers.
-
-        Raises
-        ------
-        InvalidArgument
-            If a unit part is zero.
-        """
+        """Return q with its unit parts normalised, and their lengths, one for all other numbers."""
+        # InvalidArgument if a unit part is zero.
         lengths = np.ones(self.nq)
         for part in self._units:
             length = hypot(*q[part])

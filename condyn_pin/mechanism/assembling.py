@@ -73,11 +73,9 @@ def nominal_configuration(scene: Scene) -> Array:
 
 
 def assemble_posture(scene: Scene, guess: Array) -> Assembly:
-    """Close a posture: within the joint limits if it starts there and that can be, or without.
-
-    On the side of its dead points where it is; or else on that of the first posture, for what a
-    rough drawing is far from closed has no side.
-    """
+    """Close a posture: within the joint limits if it starts there and that can be, or without."""
+    # On the side of its dead points where it is; or else on that of the first posture, for what a
+    # rough drawing is far from closed has no side.
     inside = not chains_of(scene).limits.beyond(guess)
     for within_limits in (True, False) if inside else (False,):
         for branch in (None, chains_of(scene).assembly_mode):
@@ -145,10 +143,8 @@ def best_end(
     branch: Mapping[str, int] | None,
     budget: int = BUDGET,
 ) -> tuple[Closing, AssemblyStatus, tuple[str, ...]]:
-    """Return the first end that is closed on the right branch, or else the best one.
-
-    With the iterations of all runs, a status, and the clusters on the wrong side of a dead point.
-    """
+    """Return the first end that is closed on the right branch, or else the best one."""
+    # With the iterations of all runs, a status, and the clusters on the wrong side of a dead point.
     on = chains.branch(closer.equations.jacobian(start)) if branch is None else branch
     best: Closing | None = None
     iterations, stopped = 0, False

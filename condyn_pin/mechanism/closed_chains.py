@@ -263,11 +263,9 @@ def _groups(
 def isolated(
     scene: Scene, moved: Array, jacobians: Sequence[Array], rows: Indices
 ) -> tuple[str, ...]:
-    """Return the loops that close at one configuration only.
-
-    Whatever was closed nearby came back to it, no joint further than `moved` (nv,), and J is nearly
-    singular there: to first order there is a motion, and to second order there is none.
-    """
+    """Return the loops that close at one configuration only."""
+    # Whatever was closed nearby came back to it, no joint further than `moved` (nv,), and J is
+    # nearly singular there: to first order there is a motion, and to second order there is none.
 
     def nearly_singular(J: Array) -> bool:
         S = np.linalg.svd(J, compute_uv=False)

@@ -109,20 +109,16 @@ class Closer:
     def of(
         cls, scene: Scene, moving: NDArray[np.bool_] | None = None, limits: Limits = NO_LIMITS
     ) -> Closer:
-        """Return the closer of the loops of a scene with all joints, or with some.
-
-        What digits of a file make up is known once the closed chains of the scene are.
-        """
+        """Return the closer of the loops of a scene with all joints, or with some."""
+        # What digits of a file make up is known once the closed chains of the scene are.
         everything = np.ones(scene.robot.nv, dtype=bool)
         rows = np.array([row for b in scene.bounds for row in b.positioned], dtype=np.int_)
         some = everything if moving is None else moving
         return cls(equations_of(scene), rows, some, limits, by_digits(scene))
 
     def _look(self, q: Array, rank: int | None = None) -> tuple[Array, Array]:
-        """Return c(q) of these rows, and J of all rows: together they take little more than c.
-
-        Without all combinations but those that count, if the rank is known.
-        """
+        """Return c(q) of these rows, and J of all rows: together they take little more than c."""
+        # Without all combinations but those that count, if the rank is known.
         c, J = self.equations.position_level(q)
         if rank is not None and self.rounded is not None:
             left = self.rounded.left_out(J, c, rank)

@@ -172,10 +172,8 @@ class ReductionErrors:
 
 
 def answers(scene: Scene, states: Sequence[State], joints: Sequence[str]) -> tuple[Array, Array]:
-    """Return accelerations of the watched joints and contact wrenches, a line a state.
-
-    The wrenches have no columns if the robot does not float or touches nothing.
-    """
+    """Return accelerations of the watched joints and contact wrenches, a line a state."""
+    # The wrenches have no columns if the robot does not float or touches nothing.
     equations = equations_of(scene)
     _, watched = indices(scene.robot.model, joints)
     _, base = indices(scene.robot.model, free_flyers(scene.robot) if scene.rows else ())
@@ -359,10 +357,8 @@ class _Search:
 def _watched_joints(
     scene: Scene, states: Sequence[State], watch: Sequence[str] | None
 ) -> tuple[str, ...]:
-    """Return the joints to watch; by default the base, and those with motors that move.
-
-    Without motors all that move.
-    """
+    """Return the joints to watch; by default the base, and those with motors that move."""
+    # Without motors all that move.
     robot = scene.robot
     if watch is not None:
         return checked_names("watch", watch, robot.joints, "joint")

@@ -440,11 +440,9 @@ class ContinuationSolver:
         return G
 
     def follow(self, start: Array, target: Array) -> tuple[Array, float]:
-        """Move the motors of a closed configuration towards a target, which has them elsewhere.
-
-        Return the last configuration reached, closed, and the share of the way: less than 1 if the
-        strides shrank to nothing.
-        """
+        """Move the motors of a closed configuration towards a target, which has them elsewhere."""
+        # Return the last configuration reached, closed, and the share of the way: less than 1 if
+        # the strides shrank to nothing.
         model = self.closer.equations.model
         whole = np.array(pin.difference(model, start, target))[self.actuated]
         length = max(float(np.abs(whole).max()), _SHORTEST)

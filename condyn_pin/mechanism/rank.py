@@ -225,11 +225,9 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
 
 
 def _conflict(null: Array, c: Array, names: Sequence[str]) -> dict[str, float]:
-    """Part of c that lies in the null space of J^T, by rows.
-
-    A part that is small beside the gap may be its square, which the next step towards closed loops
-    takes away.
-    """
+    """Part of c that lies in the null space of J^T, by rows."""
+    # A part that is small beside the gap may be its square, which the next step towards closed
+    # loops takes away.
     part = np.abs(null @ (null.T @ c))
     largest, gap = float(part.max(initial=0.0)), float(np.abs(c).max(initial=0.0))
     if largest <= max(tolerances.CLOSED, _CURVED * gap):

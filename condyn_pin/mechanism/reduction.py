@@ -317,12 +317,10 @@ def reduced_scene(
     *,
     found: Sequence[str] = (),
 ) -> ReducedScene:
-    """Return the scene after one more step, with `robot` and `constraints`.
-
-    It was made at the configuration q of `scene`, left out what `dropped` says, and cut off the
-    bodies of the joints `found`. The full scene is that before the first step. Contacts go with it,
-    but for those that nothing is left of.
-    """
+    """Return the scene after one more step, with `robot` and `constraints`."""
+    # It was made at the configuration q of `scene`, left out what `dropped` says, and cut off the
+    # bodies of the joints `found`. The full scene is that before the first step. Contacts go with
+    # it, but for those that nothing is left of.
     contacts, idle = _fitting(robot, scene.contacts)
     dropped = (*dropped, *(f"contact {name}: its body or its joint is held, or cut off"
                            for name in idle))  # fmt: skip

@@ -44,12 +44,10 @@ class Suggestion:
 def suggestions(
     scene: ReducedScene, moving: Set[str], asked: Sequence[str], *, exact_rows: bool
 ) -> Iterator[Suggestion]:
-    """Yield simplifications of a scene.
-
-    Joints that are `moving` have to move, and those whose accelerations are `asked` for are kept.
-    Without `exact_rows` the solver would refuse some kinds of constraints, or make more rows of
-    them again: these are not proposed.
-    """
+    """Yield simplifications of a scene."""
+    # Joints that are `moving` have to move, and those whose accelerations are `asked` for are kept.
+    # Without `exact_rows` the solver would refuse some kinds of constraints, or make more rows of
+    # them again: these are not proposed.
     still = [n for n in scene.robot.joints if n not in moving and n not in asked]
     if still and len(still) < len(scene.robot.joints):
         index, _ = indices(scene.full.robot.model, scene.robot.joints)
@@ -280,10 +278,8 @@ def as_planar(scene: Scene, name: str) -> ReducedScene:
 
 
 def _in_axes_of_first(scene: Scene, bound: BoundConstraint, direction: Array) -> Array:
-    """Return a direction in the axes of the rows in those of the frame that was named first.
-
-    The two differ where that frame is the world's, which no row is written in.
-    """
+    """Return a direction in the axes of the rows in those of the frame that was named first."""
+    # The two differ where that frame is the world's, which no row is written in.
     if bound.sign > 0:
         return direction
     q = scene.nominal.q
@@ -376,10 +372,8 @@ def check_passive(robot: Robot, joint: str) -> None:
 
 
 def are_determined_by(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> bool:
-    """True if loops determine the positions of some joints, and restrict no others.
-
-    That is so if the rows of the loops have the same rank in the columns of these joints alone.
-    """
+    """True if loops determine the positions of some joints, and restrict no others."""
+    # That is so if the rows of the loops have the same rank in the columns of these joints alone.
     J = _of_loops(scene, scene.nominal.terms, loops)
     p = indices(scene.robot.model, joints)[1]
     of_passive, of_all = (rank_of(np.linalg.svd(each, compute_uv=False)) for each in (J[:, p], J))
@@ -447,10 +441,8 @@ class _Rod:
 
     @property
     def distance(self) -> Loop:
-        """The row that replaces the rod and its loop, under the loop's name.
-
-        The end that takes the place of the loop's first frame comes first, as the force is on it.
-        """
+        """The row that replaces the rod and its loop, under the loop's name."""
+        # The end that takes the place of the loop's first frame comes first, as the force is on it.
         ends = (self.near, self.far) if self.far == self.loop.frames[1] else (self.far, self.near)
         loop = self.loop
         return Loop(*ends, "rod", length=self.length, name=loop.name, drift=loop.drift)

@@ -78,10 +78,8 @@ def index(robot: Robot, name: str, of: Literal["q", "v"]) -> int:
 
 
 def with_values(model: Any, q: Array, values: Values, where: str = "") -> Array:
-    """Configuration q with the values of some joints.
-
-    A joint that is (cos, sin) also takes its angle [rad].
-    """
+    """Configuration q with the values of some joints."""
+    # A joint that is (cos, sin) also takes its angle [rad].
     q = np.array(q)
     for name, value in _pairs(values):
         joint = joint_of(model, name)
@@ -191,24 +189,14 @@ def model_with_masses(model: Any, masses: Mapping[str, float]) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Joint limits of the joints whose coordinates are plain numbers.
+    """Joint limits of the joints whose coordinates are plain numbers."""
 
-    Attributes
-    ----------
-    joints : tuple of str
-        Names, one for each limited coordinate.
-    iv, iq : (k,) int array
-        Where the coordinate is in v and in q.
-    length : (k,) bool array
-        Whether the coordinate is a length.
-    lower, upper : (k,) array
-        [rad, m]
-    """
-
-    joints: tuple[str, ...]
+    joints: tuple[str, ...]  # names, one for each limited coordinate
+    # iv, iq (k,): where the coordinate is in v and in q
     iv: NDArray[np.int_]
     iq: NDArray[np.int_]
-    length: NDArray[np.bool_]
+    length: NDArray[np.bool_]  # (k,) whether the coordinate is a length
+    # lower, upper (k,): [rad, m]
     lower: Array
     upper: Array
 

@@ -38,23 +38,11 @@ _AnyConstraint = TypeVar("_AnyConstraint", bound=Constraint)
 def smaller_robot(
     robot: Robot, joints: Sequence[str], q: Array, remark: str, *, cut: bool = False
 ) -> Robot:
-    """Return the robot with some joints welded at q, or with their bodies cut off.
-
-    Everything that belongs to the other joints is kept: postures, motors, springs, armature,
-    damping, friction, rotors, limits. Loops and contacts that no longer constrain anything go.
-
-    Parameters
-    ----------
-    robot : Robot
-    joints : sequence of str
-    q : (nq,) array
-        Configuration [rad, m].
-    remark : str
-        What the summary says about it.
-    cut : bool
-        Cut the bodies off, with all that is on them. Each joint has to end a branch once the
-        others are gone.
-    """
+    """Return the robot with some joints welded at q, or with their bodies `cut` off."""
+    # Everything that belongs to the other joints is kept: postures, motors, springs, armature,
+    # damping, friction, rotors, limits. Loops and contacts that no longer constrain anything go.
+    # Each joint that is cut has to end a branch once the others are gone. `remark` is what the
+    # summary says about it.
     left = [name for name in robot.joints if name not in joints]
     index_q, _ = indices(robot.model, left)
     model = smaller_tree(robot.model, joints, q, cut=cut)
@@ -100,10 +88,8 @@ def with_held(
 def split_constraints(
     robot: Robot, constraints: Sequence[_AnyConstraint]
 ) -> tuple[tuple[_AnyConstraint, ...], tuple[_AnyConstraint, ...]]:
-    """Constraints between bodies of this robot, and the others.
-
-    A constraint is idle if both of its sides belong to one body, or if a body of it was cut off.
-    """
+    """Constraints between bodies of this robot, and the others."""
+    # A constraint is idle if both of its sides belong to one body, or if a body of it was cut off.
     at_work: list[_AnyConstraint] = []
     idle: list[_AnyConstraint] = []
     for constraint in constraints:
@@ -137,19 +123,7 @@ def free_flyers(robot: Robot) -> tuple[str, ...]:
 
 
 def smaller_tree(model: Any, joints: Collection[str], q: Array, *, cut: bool = False) -> Any:
-    """Model without some joints; the others are depth-first, with all their numbers.
-
-    Parameters
-    ----------
-    model : pin.Model
-    joints : collection of str
-        What goes.
-    q : (nq,) array
-        Where the joints are welded.
-    cut : bool
-        Cut their bodies off, with all that is on them, instead of welding them. Each joint has to
-        end a branch once the others are gone.
-    """
+    """Model without some joints, as `smaller_robot`; the others are depth-first."""
     small = pin.Model()
     small.name = model.name
     small.gravity = pin.Motion(model.gravity.vector.copy())
@@ -467,10 +441,8 @@ def _postures(robots: Mapping[str, Robot]) -> dict[str, Array]:
 
 
 def weighing(robot: Robot, inertias: Array) -> Robot:
-    """Robot with other inertial parameters (bodies, 10).
-
-    InvalidModel if no body has them.
-    """
+    """Robot with other inertial parameters (bodies, 10)."""
+    # InvalidModel if no body has them.
     model = pin.Model(robot.unedited)
     for i, pi in enumerate(inertias, start=1):
         if pi.any():

@@ -117,12 +117,10 @@ def _check_bodies(model: Any) -> None:
 
 
 def _check_mass_matrix(model: Any, data: Any) -> None:
-    """Raise InvalidModel if joints move no inertia at any configuration: M is always singular.
-
-    Where M is singular at some of them, as that of a point mass on a slider on a hinge where the
-    slider is at zero, those alone are refused, when they are called for. What moves no inertia in
-    the neutral configuration is looked at again in one that has nothing special.
-    """
+    """Raise InvalidModel if joints move no inertia at any configuration: M is always singular."""
+    # Where M is singular at some of them, as that of a point mass on a slider on a hinge where the
+    # slider is at zero, those alone are refused, when they are called for. What moves no inertia in
+    # the neutral configuration is looked at again in one that has nothing special.
     anywhere = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 0.7, model.nv))
     bad = _unmoved(model, data, pin.neutral(model))
     if bad.any():
@@ -142,11 +140,9 @@ def _check_mass_matrix(model: Any, data: Any) -> None:
 
 
 def _unmoved(model: Any, data: Any, q: Array) -> NDArray[np.bool_]:
-    """Flags of the coordinates that move no inertia at q (nv,).
-
-    Turns are compared with turns [kg m^2], and shifts with shifts [kg]: in millimetres a machine is
-    as sound as in metres.
-    """
+    """Flags of the coordinates that move no inertia at q (nv,)."""
+    # Turns are compared with turns [kg m^2], and shifts with shifts [kg]: in millimetres a machine
+    # is as sound as in metres.
     M = np.array(algorithms(data).crba(model, data, q))
     diagonal = np.diag(M)
     if not np.isfinite(M).all():
@@ -160,23 +156,11 @@ def _unmoved(model: Any, data: Any, q: Array) -> NDArray[np.bool_]:
 def massless_motion(
     model: Any, q: Array, *, share: float = tolerances.MASSLESS, data: Any = None
 ) -> str:
-    """Message about joints that move no inertia at q; empty if M is definite.
-
-    Parameters
-    ----------
-    model : pin.Model
-    q : (nq,) array
-        Configuration [rad, m].
-    share : float
-        The least inertia that counts, relative to those that each joint alone moves.
-    data : pin.Data, optional
-        Memory that may be written to; that of a long chain is large.
-
-    Notes
-    -----
-    Hinges with massless links between them stand in for a ball until two of their axes fall
-    together: there they can turn against each other, and M is singular.
-    """
+    """Message about joints that move no inertia at q; empty if M is definite."""
+    # `share` is the least inertia that counts, relative to those that each joint alone moves;
+    # `data` may be written to, for that of a long chain is large. Hinges with massless links
+    # between them stand in for a ball until two of their axes fall together: there they can turn
+    # against each other, and M is singular.
     data = data or data_of(model)
     M = np.array(algorithms(data).crba(model, data, q))
     if not np.isfinite(M).all():

@@ -170,10 +170,8 @@ class DrawnTree(Tree):
 
 
 def orthonormal(M: Any) -> Any:
-    """Pose with the nearest rotation: R + R (1 - RᵀR) / 2, a step of Newton's method.
-
-    This ends at 4e-16 off orthonormal; the normalised quaternion and the SVD end at 2e-15.
-    """
+    """Pose with the nearest rotation: R + R (1 - RᵀR) / 2, a step of Newton's method."""
+    # This ends at 4e-16 off orthonormal; the normalised quaternion and the SVD end at 2e-15.
     R = M.rotation
     return pin.SE3(R + 0.5 * R @ (np.eye(3) - R.T @ R), M.translation)
 

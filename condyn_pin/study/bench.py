@@ -79,14 +79,12 @@ def bench(
     native: bool = False,
     progress: Progress = silent,
 ) -> BenchTable:
-    """Time some methods on the standard scenes of some robots.
-
-    On each scene those solvers are timed that take it, by default LCABA, proximal and dense KKT,
-    and the equations written by hand (below). With `native` these come beside
-    `ConstrainedABA`, `PV` and what is compiled, timed in C++ in the same rounds; MissingExtra where
-    it is not installed. Progress is called with (scene,
-    round, rounds). Ctrl-C raises `Interrupted` with the scenes that were measured before.
-    """
+    """Time some methods on the standard scenes of some robots."""
+    # On each scene those solvers are timed that take it, by default LCABA, proximal and dense KKT,
+    # and the equations written by hand (below). With `native` these come beside `ConstrainedABA`,
+    # `PV` and what is compiled, timed in C++ in the same rounds; MissingExtra where it is not
+    # installed. Progress is called with (scene, round, rounds). Ctrl-C raises `Interrupted` with
+    # the scenes that were measured before.
     check_called("progress", progress, "scene, round, rounds")
     rows: list[BenchRow] = []
     where = machine()
@@ -386,11 +384,9 @@ Answer = Callable[[Array, Array, Array], Array]
 
 
 def by_hand(scene: Scene, mu: float = 0.0) -> dict[str, Answer]:
-    """Return hand-written solutions for a (nv,) by method name, each called with (q, v, tau).
-
-    Damping mu [1/kg] is needed where rows are redundant. Constraints that Pinocchio lacks, and
-    welds of two bodies, have no such solution: writing these by hand means writing a library.
-    """
+    """Return hand-written solutions for a (nv,) by method name, each called with (q, v, tau)."""
+    # Damping mu [1/kg] is needed where rows are redundant. Constraints that Pinocchio lacks, and
+    # welds of two bodies, have no such solution: writing these by hand means writing a library.
     rows = PinocchioRows(scene.robot.model, scene.robot.model.createData(), scene.bounds)
     if not (scene.rows and rows.have_gamma):
         return {}

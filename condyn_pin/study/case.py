@@ -84,11 +84,9 @@ def prepare(label: str, scene: Scene, measure: Measure, states: States, accuracy
 
 @one_blas_thread  # the same bits each time, however many cores there are
 def measure_errors(case: Case, solver: Method) -> Row:
-    """Return the row of a solver, without times.
-
-    A refusal and an exception are statuses like others, and their text is kept: one bad solver does
-    not end a study.
-    """
+    """Return the row of a solver, without times."""
+    # A refusal and an exception are statuses like others, and their text is kept: one bad solver
+    # does not end a study.
     answers, statuses, notes = _answers(case, solver)
     missing = len(case.states) - len(answers)
     errors = [found.error for found in answers] + [inf] * missing
@@ -144,10 +142,8 @@ def _answers(case: Case, solver: Method) -> tuple[list[Answer], Counter[str], li
 
 
 def parameters_of(solver: Method) -> dict[str, Parameter]:
-    """Return the parameters of a solver by name; one that is no plain value as text.
-
-    Its accuracy is among them where it is not the usual one.
-    """
+    """Return the parameters of a solver by name; one that is no plain value as text."""
+    # Its accuracy is among them where it is not the usual one.
     names = list(usual_parameters(type(solver)))
     names += ["accuracy"] if getattr(solver, "accuracy", SOLVED) != SOLVED else []
     return {name: _plain(getattr(solver, name)) for name in names}
@@ -212,12 +208,10 @@ def measure_times(
     effort: TimingEffort,
     tick: Callable[[], None],
 ) -> dict[Candidate, Row]:
-    """Return the rows of some candidates with their times.
-
-    Everything that has a finite answer at every state is timed, in one interleaved run; solve and
-    bare call only where every status is ok, since doubtful answers are looked at twice.
-    The cases of `rows` have the same scene and the same states; `tick` is called after each round.
-    """
+    """Return the rows of some candidates with their times."""
+    # Everything that has a finite answer at every state is timed, in one interleaved run; solve and
+    # bare call only where every status is ok, since doubtful answers are looked at twice. The cases
+    # of `rows` have the same scene and the same states; `tick` is called after each round.
     timed = {candidate: row for candidate, row in rows.items() if isfinite(row.error_worst)}
     found: dict[Candidate, Row] = {}
     for candidate, row in rows.items():

@@ -161,14 +161,12 @@ def style(name: str) -> dict[str, str]:
 def work_precision(
     table: Table, scene: str | None = None, measure: str | None = None, ax: Any = None
 ) -> Any:
-    """Draw worst error against median time of every solver with all its parameters.
-
-    Every mark is a solver with its parameters; a line is the front of one method, the grey
-    staircase that of all. Hollow marks said at some state that they are inaccurate. Dotted is the
-    rounding of one number, dash-dotted the error that `Reference` itself may have: nothing below it
-    is known. What diverges is drawn at 10. Solvers that failed at a state are counted behind the
-    name of their method. See `Table.plot`.
-    """
+    """Draw worst error against median time of every solver with all its parameters."""
+    # Every mark is a solver with its parameters; a line is the front of one method, the grey
+    # staircase that of all. Hollow marks said at some state that they are inaccurate. Dotted is the
+    # rounding of one number, dash-dotted the error that `Reference` itself may have: nothing below
+    # it is known. What diverges is drawn at 10. Solvers that failed at a state are counted behind
+    # the name of their method. See `Table.plot`.
     rows = _one_question(table.of(scene=scene, measure=measure).rows)
     ax = axes(ax)
     if best := _points(pareto_front(rows)):

@@ -377,10 +377,8 @@ def sweep(one: _Knobbed, **parameters: Sequence[Any]) -> tuple[_Knobbed, ...]:
 
 
 def default_sweep(scene: Scene, measure: Measure = _ACCELERATION) -> tuple[Method, ...]:
-    """Return the methods of a measure over their parameters; those that refuse the scene once.
-
-    `Reference`, with which the others are compared, is not among them.
-    """
+    """Return the methods of a measure over their parameters; those that refuse the scene once."""
+    # `Reference`, with which the others are compared, is not among them.
     chosen: list[Method] = []
     for kind in measure.methods.values():
         method = kind()

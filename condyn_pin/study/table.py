@@ -183,24 +183,14 @@ _ROWS_FOR_COMMON: Final = 4
 
 @dataclass(frozen=True)
 class RowChange:
-    """A row in two tables: the ratios of its times and errors.
-
-    Attributes
-    ----------
-    old, new : Row
-    slower : float or None
-        Time over that of before, divided by `Comparison.common`; None without times.
-    spread : float
-        Factor within which `slower` is noise: p95 over median, the larger of both runs.
-    error : float
-        Worst error over that of before.
-    """
+    """A row in two tables: the ratios of its times and errors."""
 
     old: Row
     new: Row
+    # time over that of before, divided by `Comparison.common`; None without times
     slower: float | None
-    spread: float
-    error: float
+    spread: float  # factor within which `slower` is noise: p95 over median, the larger of both runs
+    error: float  # worst error over that of before
 
     @property
     def worse(self) -> tuple[str, ...]:

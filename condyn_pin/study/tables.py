@@ -388,10 +388,8 @@ def words_of(parameters: Mapping[str, Any]) -> str:
 
 
 def pareto_front(rows: Sequence[Row]) -> tuple[Row, ...]:
-    """Return the rows that no other is faster than with at most the same error, fastest first.
-
-    Rows of different scenes or measures do not compare: hand in those of one.
-    """
+    """Return the rows that no other is faster than with at most the same error, fastest first."""
+    # Rows of different scenes or measures do not compare: hand in those of one.
     kept: list[Row] = []
     timed = (row for row in rows if row.comparable)
     for row in sorted(timed, key=lambda r: (r.us, r.error_worst)):

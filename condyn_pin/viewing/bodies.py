@@ -167,18 +167,8 @@ _ORDER = ("slide", "stick", "open")  # the worst first
 def touch_parts(
     scene: Scene, instants: Sequence[Instant], size: float, *, cones: bool = False
 ) -> Iterator[Part]:
-    """Yield the parts of all unilateral contacts of a scene.
-
-    Parameters
-    ----------
-    scene : Scene
-    instants : sequence of Instant
-        A plane is drawn so large that every contact point is above it at all of them.
-    size : float
-        Of the scene [m].
-    cones : bool
-        Draw the friction cones.
-    """
+    """Yield the parts of all unilateral contacts of a scene of a `size` [m]."""
+    # A plane is drawn so large that every contact point is above it at all instants.
     for bound in scene.contact_bounds:
         for i, solid in enumerate(bound.solids):
             shape = patch_mesh(solid.patch).moved(solid.placement.homogeneous)

@@ -61,40 +61,19 @@ _SLASH = "\N{DIVISION SLASH}"  # looks like one, and parts nothing
 
 @dataclass(frozen=True, eq=False)
 class Drawing:
-    """All parts of a picture.
-
-    Attributes
-    ----------
-    title : str
-    parts : tuple of Part
-    instants : tuple of Instant
-        One for a still picture.
-    fps : float
-        Pictures a second, as they are played [1/s].
-    middle : (3,) array
-        Of what is seen [m].
-    size : float
-        [m]
-    notes : tuple of str
-        Parts of the subject that cannot be drawn, a sentence each.
-    frames : (k,) array
-        Time of each instant, in pictures since the start.
-    toward : (3,) array
-        From the middle to the camera.
-    speed : float
-        Seconds of a motion that are played in one second.
-    """
+    """All parts of a picture."""
 
     title: str
     parts: tuple[Part, ...]
-    instants: tuple[Instant, ...]
-    fps: float
-    middle: Array
-    size: float
-    notes: tuple[str, ...] = ()
+    instants: tuple[Instant, ...]  # one for a still picture
+    fps: float  # pictures a second, as they are played [1/s]
+    middle: Array  # (3,) of what is seen [m]
+    size: float  # [m]
+    notes: tuple[str, ...] = ()  # parts of the subject that cannot be drawn, a sentence each
+    # (k,) time of each instant, in pictures since the start
     frames: Array = field(default_factory=lambda: np.zeros(1))
-    toward: Array = field(default_factory=lambda: FROM)
-    speed: float = 1.0
+    toward: Array = field(default_factory=lambda: FROM)  # (3,) from the middle to the camera
+    speed: float = 1.0  # seconds of a motion that are played in one second
 
     def commands(self) -> Iterator[three.Command]:
         """Return the meshcat commands that draw it."""
@@ -137,32 +116,11 @@ def draw(
     light: bool = False,
     cones: bool = False,
 ) -> Drawing:
-    """Return the drawing of instants.
-
-    Parameters
-    ----------
-    scenes : sequence of Scene
-        Whose constraints are drawn, all of the same robot; a constraint is seen while it holds.
-    instants : sequence of Instant
-    title : str
-    before : Instant, optional
-        Drawn beside them as a ghost.
-    frames : (k,) array, optional
-        Time of each instant of a motion, in pictures since the start.
-    gaps : iterable of mapping, optional
-        Gaps of the constraints at all samples of a motion; labels show the largest. Those of the
-        instants by default.
-    peaks : mapping of str to Maximum, optional
-        Largest forces of all samples of a motion, for the labels of arrows.
-    fps : float
-        Pictures a second [1/s].
-    speed : float
-        Seconds of a motion that are played in one second.
-    light : bool
-        Draw the robot with 30 000 triangles at most.
-    cones : bool
-        Draw the friction cones of contacts that may open.
-    """
+    """Drawing of instants of scenes of one robot; a constraint is seen while it holds."""
+    # `before` is drawn beside them as a ghost. `frames` (k,) are the times of the instants of a
+    # motion, in pictures since the start, `gaps` those of the constraints at all its samples, of
+    # which labels show the largest, and `peaks` its largest forces. A `light` robot has 30 000
+    # triangles at most.
     robot = scenes[0].robot
     seen = [instants[0], *([] if before is None else [before])]
     middle, size = extent(robot, seen, touched(instants))
@@ -213,11 +171,9 @@ def _constraint_parts(
 
 
 def _without_nested_names(parts: Iterable[Part]) -> Iterator[Part]:
-    """Parts renamed so that none is a child of another one in meshcat's tree.
-
-    The names of two joints may be ``arm`` and ``arm/tip``; an empty name between slashes counts for
-    nothing there.
-    """
+    """Parts renamed so that none is a child of another one in meshcat's tree."""
+    # The names of two joints may be ``arm`` and ``arm/tip``; an empty name between slashes counts
+    # for nothing there.
     parts = list(parts)
     taken = {_name_in_words(part.path) for part in parts}
     seen: set[tuple[str, ...]] = set()
@@ -519,19 +475,8 @@ def page(
     target: Array,
     speed: float = 1.0,
 ) -> str:
-    """Return the page.
-
-    Parameters
-    ----------
-    title : str
-    legend : iterable of (str, str)
-        Colours, as CSS names them, and what they mean; a text without colour is a line alone.
-    commands : iterable of Command
-    camera, target : (3,) array
-        Position of the camera, and the point that it looks at and turns about [m].
-    speed : float
-        Seconds of a motion that are played in one second.
-    """
+    """Return the page, with a `camera` (3,) that turns about the `target` (3,) [m]."""
+    # The `legend` has colours, as CSS names them, and what they mean; without one a line is alone.
     lines = [
         (f"<b style='background: {colour}'></b>" if colour else "") + html.escape(text)
         for colour, text in legend

@@ -92,18 +92,11 @@ def instant(
 
 @dataclass(frozen=True, eq=False)
 class PlottedForce:
-    """Contact forces and modes of an answer, by contact name.
+    """Contact forces and modes of an answer, by contact name."""
 
-    Attributes
-    ----------
-    forces : mapping of str to (3,) array
-        On the robot, in the axes t1, t2, n of each [N].
-    modes : mapping of str to str
-        Open, stick or slide.
-    """
-
+    # on the robot, in the axes t1, t2, n of each [N]
     forces: Mapping[str, Array] = field(default_factory=dict)
-    modes: Mapping[str, str] = field(default_factory=dict)
+    modes: Mapping[str, str] = field(default_factory=dict)  # open, stick or slide
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,10 +172,8 @@ _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 
 
 def touched(instants: Sequence[Instant]) -> list[Array]:
-    """Return the points of unilateral contacts at all instants, and their projections [m].
-
-    A fall is seen with the ground, and a sliding body with the place where it comes to rest.
-    """
+    """Return the points of unilateral contacts at all instants, and their projections [m]."""
+    # A fall is seen with the ground, and a sliding body with the place where it comes to rest.
     touching = [each for at in instants for each in at.touching.values()]
     return [point for each in touching for point in (each.at, each.on_plane())]
 
@@ -212,10 +203,8 @@ def extent(
 
 
 def plane_normal(robot: Robot, at: Instant) -> Array | None:
-    """Return the normal of the plane in which all joints move (3,); None if there is none.
-
-    Every axis of rotation is along it, and every direction of sliding perpendicular to it.
-    """
+    """Return the normal of the plane in which all joints move (3,); None if there is none."""
+    # Every axis of rotation is along it, and every direction of sliding perpendicular to it.
     still = pin.neutral(robot.model)
     slides, turns = [], []
     for joint, oMi in zip(robot.model.joints[1:], at.joints[1:], strict=True):

@@ -190,10 +190,8 @@ class _Arrow:
 
 
 def body_of(robot: Robot, name: str) -> str:
-    """Return the body that carries a frame: its own name, or that of the link it is fixed to.
-
-    Frames of an MJCF name no link; then it is the first body of the joint.
-    """
+    """Return the body that carries a frame: its own name, or that of the link it is fixed to."""
+    # Frames of an MJCF name no link; then it is the first body of the joint.
     frames = robot.model.frames
     named = found = next((frame for frame in frames if frame.name == name), None)
     while found is not None and found.parentFrame:
@@ -209,19 +207,8 @@ def body_of(robot: Robot, name: str) -> str:
 def arrow_parts(
     scene: Scene, instants: Sequence[Instant], size: float, peaks: Mapping[str, Maximum]
 ) -> Iterator[Part]:
-    """Return the arrows of every constraint and contact of a scene, with labels.
-
-    Arrows follow a motion. Labels do not: they show its largest force, marked as such.
-
-    Parameters
-    ----------
-    scene : Scene
-    instants : sequence of Instant
-    size : float
-        Of the scene [m].
-    peaks : mapping of str to Maximum
-        Of a motion: the largest force and moment of each constraint and contact, drawn or not.
-    """
+    """Return the arrows of every constraint and contact of a scene of a `size` [m], with labels."""
+    # Arrows follow a motion. Labels do not: they show its `peaks`, by name, marked as such.
     arrows: list[_Arrow] = []
     for c in scene.constraints:
         if c.frames:
@@ -298,16 +285,7 @@ def _arrow_parts(arrow: _Arrow, words: str, on: str, scale: float, size: float) 
 def closure_parts(
     scene: Scene, worst: Mapping[str, ConstraintViolation], size: float
 ) -> Iterator[Part]:
-    """Yield the parts of every loop.
-
-    Parameters
-    ----------
-    scene : Scene
-    worst : mapping of str to ConstraintViolation
-        Gap in the label of each loop: the largest of all instants.
-    size : float
-        Of the scene [m].
-    """
+    """Yield the parts of every loop; labels have the `worst` gap of all instants."""
     for constraint in scene.constraints:
         if len(constraint.frames) == 2:
             name = constraint.name
@@ -507,15 +485,7 @@ _NEAR: Final = 1.1  # heights by which a label may be moved without a line
 
 
 def label(path: str, text: str, colour: Colour, pose: Pose, height: float) -> Part:
-    """Return a line of text above a point.
-
-    Parameters
-    ----------
-    pose : Pose
-        The point; a rotation is ignored.
-    height : float
-        Of a line [m].
-    """
+    """Return a line of text of a height [m] above the point of a pose."""
     png, width = _written(text, tuple(round(150 * x) for x in colour))
 
     def above(T: Array) -> Array:

@@ -26,15 +26,7 @@ from condyn_pin.viewing.part import Part
 def tracks(
     parts: Sequence[Part], instants: Sequence[Instant], frames: Array
 ) -> dict[str, list[dict[str, Any]]]:
-    """Return the keyframe tracks of moving or recoloured parts, by path.
-
-    Parameters
-    ----------
-    parts : sequence of Part
-    instants : sequence of Instant
-    frames : (k,) array
-        Time of each instant, in pictures since the start.
-    """
+    """Keyframe tracks of moving or recoloured parts, by path; `frames` (k,) in pictures."""
     found: dict[str, list[dict[str, Any]]] = {}
     for part in parts:
         T = np.array([part.place(at) for at in instants])
@@ -67,11 +59,9 @@ def _moving(T: Array, frames: Array) -> list[dict[str, Any]]:
 
 
 def drawn_samples(trajectory: Trajectory, fps: float) -> NDArray[np.intp]:
-    """Return the indices of the samples to draw, the nearest to each of `fps` times a second.
-
-    Samples are not interpolated: a configuration halfway between two closed ones is open. Each is
-    drawn at its own time, the last one among them.
-    """
+    """Return the indices of the samples to draw, the nearest to each of `fps` times a second."""
+    # Samples are not interpolated: a configuration halfway between two closed ones is open. Each is
+    # drawn at its own time, the last one among them.
     t = trajectory.t
     times = np.minimum(t[0] + np.arange(round((t[-1] - t[0]) * fps) + 1) / fps, t[-1])
     after = np.searchsorted(t, times, side="right").clip(max=len(t) - 1)

@@ -44,13 +44,11 @@ def mesh(
     on_top: bool = False,
     coarse: Mesh | None = None,
 ) -> Command:
-    """Return the command that draws triangles.
-
-    Those of `coarse` follow those of `shape` in one geometry, from index `whole` on: a page chooses
-    between them by the range that it draws, at no cost.
-    A mesh `on_top` is seen through all before it. It is a solid wound outward, seen from one side
-    only: three.js draws both sides of a transparent mesh one after the other.
-    """
+    """Return the command that draws triangles."""
+    # Those of `coarse` follow those of `shape` in one geometry, from index `whole` on: a page
+    # chooses between them by the range that it draws, at no cost. A mesh `on_top` is seen through
+    # all before it. It is a solid wound outward, seen from one side only: three.js draws both sides
+    # of a transparent mesh one after the other.
     whole = shape.faces.size
     if coarse is not None:
         shape = shape + coarse
@@ -199,33 +197,17 @@ _NOWHERE = np.diag([1e-9, 1e-9, 1e-9, 1.0])  # too small to be seen; zero has no
 
 @dataclass(frozen=True, eq=False)
 class Part:
-    """A part of a picture.
+    """A part of a picture."""
 
-    Attributes
-    ----------
-    path : str
-        Its name in meshcat's tree, such as ``closures/achilles/gap``.
-    pose : Pose
-    meshes : tuple of (Mesh, Colour)
-    coarse : tuple of Mesh
-        Meshes drawn during motion without a graphics card; empty: the same as at rest.
-    picture : bytes
-        A PNG that faces the camera, in place of meshes.
-    opacity : float
-    on_top : bool
-        Whether it is seen through what is before it.
-    tint : callable, optional
-        Its colour, where that changes with the instant.
-    """
-
-    path: str
+    path: str  # its name in meshcat's tree, such as ``closures/achilles/gap``
     pose: Pose
     meshes: tuple[tuple[Mesh, Colour], ...] = ()
+    # meshes drawn during motion without a graphics card; empty: the same as at rest
     coarse: tuple[Mesh, ...] = ()
-    picture: bytes = b""
+    picture: bytes = b""  # A PNG that faces the camera, in place of meshes
     opacity: float = 1.0
-    on_top: bool = False
-    tint: Tint | None = None
+    on_top: bool = False  # whether it is seen through what is before it
+    tint: Tint | None = None  # its colour, where that changes with the instant
 
     def place(self, at: Instant) -> Array:
         """Return its pose (4, 4) at an instant; if it is hidden, one of negligible size."""
@@ -324,14 +306,9 @@ _WIDE: Final = 1e-2  # [m] a gap that everybody sees
 
 
 def gap_colour(length: float) -> Colour:
-    """Return the colour of a gap: green is closed, then from yellow to vermillion.
-
-    Parameters
-    ----------
-    length : float
-        [m]. Up to 1e-10 it is closed; from 1 cm on it is vermillion, and on a scale of
-        logarithms in between.
-    """
+    """Return the colour of a gap [m]: green is closed, then from yellow to vermillion."""
+    # Up to 1e-10 m it is closed; from 1 cm on it is vermillion, on a scale of logarithms in
+    # between.
     if length <= tolerances.CLOSED:
         return CLOSED
     decades = math.log(_WIDE / tolerances.CLOSED)

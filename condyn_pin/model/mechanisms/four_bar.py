@@ -71,11 +71,9 @@ def four_bar(
 
 
 def _open_posture(ground: float, crank: float, coupler: float, rocker: float) -> Array:
-    """Return angles at which the bars meet, in the middle of the crank's range.
-
-    The crank's tip B is at a distance r from the rocker's pivot D; coupler and rocker reach it if
-    |coupler - rocker| < r < coupler + rocker, the crank if |ground - crank| < r < ground + crank.
-    """
+    """Return angles at which the bars meet, in the middle of the crank's range."""
+    # The crank's tip B is at a distance r from the rocker's pivot D; coupler and rocker reach it if
+    # |coupler - rocker| < r < coupler + rocker, the crank if |ground - crank| < r < ground + crank.
     nearest = max(abs(coupler - rocker), abs(ground - crank))
     farthest = min(coupler + rocker, ground + crank)
     r = (nearest + farthest) / 2

@@ -84,10 +84,8 @@ class Machine:
 
 
 def rounded_as_drawn(values: ArrayLike) -> Array:
-    """Return numbers as a drawing has them: zero where rounding is all, and with 15 digits.
-
-    Axes that are meant to be parallel are so to the last bit.
-    """
+    """Return numbers as a drawing has them: zero where rounding is all, and with 15 digits."""
+    # Axes that are meant to be parallel are so to the last bit.
     x = np.asarray(values, dtype=float)
     short = np.array([float(f"{value:.15g}") for value in x.ravel()]).reshape(x.shape)
     x = np.where(np.abs(short - x) < _ROUNDING / 100, short, x)

@@ -363,10 +363,8 @@ class Pair:
 def pairs_of(
     robot: Robot, mj: Any, names: Mapping[str, str], without: Sequence[str]
 ) -> tuple[Pair, ...]:
-    """Return the joints of a robot with those of MuJoCo, in the robot's order.
-
-    Joints missing on either side, of another type or with another parent, are refused.
-    """
+    """Return the joints of a robot with those of MuJoCo, in the robot's order."""
+    # Joints missing on either side, of another type or with another parent, are refused.
     known = joint_names(mj)
     there = _names_there(robot, known, names)
     left_out = checked_names("without", without, known, "joint of the MuJoCo model")

@@ -231,10 +231,8 @@ def _notes_on_uncompared(bridge: MujocoBridge) -> Iterator[str]:
 
 
 def causes(bridge: MujocoBridge, data: Any, q: Array, tolerance: float) -> tuple[str, ...]:
-    """Return the differences of the models, a sentence each, the root first.
-
-    `data` has MuJoCo's placements of the bodies at q; the tolerance is relative.
-    """
+    """Return the differences of the models, a sentence each, the root first."""
+    # `data` has MuJoCo's placements of the bodies at q; the tolerance is relative.
     return tuple(_Causes(bridge, data, q, tolerance).all())
 
 
