@@ -410,13 +410,9 @@ def register(registry: dict[str, _Entry], name: str, entry: _Entry, what: str) -
 class renamed:  # noqa: N801  used as a function is
     """Forward a member to its name of today, for one version.
 
-    Parameters
-    ----------
-    now : str
-        What it is called now: another member, or a function of the object with the room that has
-        it, ``mechanism.keep``.
-    called : bool
-        That a function is called, since the member was no method.
+    now: what it is called now: another member, or a function of the object with the room that has
+        it, ``mechanism.keep``
+    called: that a function is called, since the member was no method
     """
 
     def __init__(self, now: str, *, called: bool = False) -> None:

@@ -90,10 +90,7 @@ T = TypeVar("T")
 class ThreadCache(Generic[T]):
     """Cache of the latest objects of one kind, separate for each thread.
 
-    Parameters
-    ----------
-    most : int
-        How many a thread keeps.
+    most: how many a thread keeps
     """
 
     def __init__(self, most: int = 4) -> None:

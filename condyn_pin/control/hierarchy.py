@@ -304,16 +304,10 @@ class Level(NamedTuple):
 class Stack:
     """Tasks whose rows stand below each other: accelerations first, then forces.
 
-    Attributes
-    ----------
-    rows : list of Row
-    tasks : dict of str to slice
-        Which rows belong to a task.
-    weights : (r,) array
-    changing : slice or int array
-        The rows that change from tick to tick.
-    bound : list of (Task, BoundTask)
-        The tasks at work, in the order of the rows.
+    tasks: which rows belong to a task
+    weights (r,)
+    changing: the rows that change from tick to tick
+    bound: the tasks at work, in the order of the rows
     """
 
     def __init__(self, scene: Scene, tasks: Sequence[Task], home: DefaultReference) -> None:

@@ -107,23 +107,15 @@ class ControlLimits:
 class AccelerationBounds:
     """Limits of joints at work on one robot: bounds of the accelerations of some of them.
 
-    Attributes
-    ----------
-    columns : (k,) int array
-        Entries of v that have a bound.
-    names : tuple of str
-        Of the joints, one an entry.
-    most, speed : (nv,) array
-        The largest acceleration and velocity of all entries of v; infinite where there is none.
-    against : dict of float to (nv,) array
-        The largest torque of motors against motion upwards (1) and downwards (-1) [N m, N];
-        infinite where there is none.
-    dt : float or None
-        How far joints look ahead [s].
-    joints : Limits
-        Joints with limits of their positions.
-    reach : tuple of (j,) array
-        Those limits, the upper and the lower ones.
+    columns (k,): entries of v that have a bound
+    names: of the joints, one an entry
+    most, speed (nv,): the largest acceleration and velocity of all entries of v; infinite where
+        there is none
+    against: the largest torque of motors against motion upwards (1) and downwards (-1) [N m, N];
+        infinite where there is none
+    dt: how far joints look ahead [s]
+    joints: joints with limits of their positions
+    reach: those limits, the upper and the lower ones
     """
 
     def __init__(self, limits: ControlLimits, actuation: Actuation) -> None:

@@ -334,19 +334,9 @@ def rigid_rows(robot: Robot, joints: Sequence[str], motors: NDArray[np.int_]) ->
 class TickConstraints:
     """The constraints of one program, and their memory.
 
-    Parameters
-    ----------
-    cones : ContactCones
-    bounds : AccelerationBounds
-    limits : TorqueLimits
-    mass : float
-        Of the robot [kg].
-
-    Attributes
-    ----------
-    unreached : float
-        How far contacts with redundant rows are from what they demand, whatever moves, in the last
-        tick: zero where their velocity is [m/s^2, rad/s^2].
+    mass: of the robot [kg]
+    unreached: how far contacts with redundant rows are from what they demand, whatever moves, in
+        the last tick: zero where their velocity is [m/s^2, rad/s^2]
     """
 
     unreached: float = 0.0

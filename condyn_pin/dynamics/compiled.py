@@ -469,21 +469,11 @@ class CompiledDerivatives(KktDerivatives):
 class CompiledMethod:
     """A compiled method bound to one model with the constraints of a scene.
 
-    Parameters
-    ----------
-    name : str
-        One of ``methods`` of the compiled module.
-    model : pin.Model
-    constraints : sequence of PinocchioConstraint
-    drift : Baumgarte or None
-    mu : float
-        [1/kg]
-    accuracy : float
-        What ends the iterations: the method says of what.
-    limit : int
-        Of iterations.
-    module : module, optional
-        Where it is compiled; `constrained_aba` by default.
+    name: one of ``methods`` of the compiled module
+    mu: [1/kg]
+    accuracy: what ends the iterations: the method says of what
+    limit: of iterations
+    module: where it is compiled; `constrained_aba` by default
     """
 
     def __init__(

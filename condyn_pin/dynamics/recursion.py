@@ -118,14 +118,9 @@ def _longest_chain(model: Any) -> float:
 class Corrected:
     """A recursion whose answers are corrected.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    answer, correct : tuples of callables
-        The recursion, and the same without weight and without drift control: each an acceleration
-        of (q, v, tau), and what returns the forces of Pinocchio's rows in the last one.
-    times : int
-        Corrections.
+    answer, correct: the recursion, and the same without weight and without drift control: each an
+        acceleration of (q, v, tau), and what returns the forces of Pinocchio's rows in the last one
+    times: corrections
     """
 
     def __init__(

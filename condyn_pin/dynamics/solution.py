@@ -591,12 +591,8 @@ def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -
 class SharedNormals(NamedTuple):
     """Normal forces that redundant rows share among contacts.
 
-    Attributes
-    ----------
-    names : tuple of str
-        Contacts whose normal force is not determined: forces N z without effect change it.
-    most : float
-        The least of them, where z makes that as large as can be, 0 at most [N].
+    names: contacts whose normal force is not determined: forces N z without effect change it
+    most: the least of them, where z makes that as large as can be, 0 at most [N]
     """
 
     names: tuple[str, ...]

@@ -393,12 +393,8 @@ _LOOP_KINDS: Final[Mapping[str, LoopKind]] = {
 class SdfTree(Tree):
     """The Pinocchio model of a spanning tree.
 
-    Parameters
-    ----------
-    sdf : SdfModel
-    spanned : Span
-    root_joint : pin.JointModel, optional
-        Between the world and the root link; without one the link stands where the file puts it.
+    root_joint: between the world and the root link; without one the link stands where the file puts
+        it
     """
 
     def __init__(self, sdf: SdfModel, spanned: Span, root_joint: Any | None) -> None:

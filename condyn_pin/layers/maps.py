@@ -409,13 +409,8 @@ def _of_joint(x: Array, head: int) -> Array:
 class Change:
     """Derivatives of x and y by q, v, tau and parameters, in the tangent space.
 
-    Parameters
-    ----------
-    matrix : (x_size + y_size, numbers) array
-        Of x and then y by all numbers of the inputs.
-    x_size : int
-    shapes : sequence of shape
-        Shapes of the inputs.
+    matrix (x_size + y_size, numbers): of x and then y by all numbers of the inputs
+    shapes: shapes of the inputs
     """
 
     def __init__(self, matrix: Array, x_size: int, shapes: Sequence[Shape]) -> None:

@@ -135,12 +135,7 @@ class Stretch(NamedTuple):
 class SpringDampers:
     """Spring-dampers of one robot, and the memory to evaluate them.
 
-    Parameters
-    ----------
-    robot : Robot
-    chosen : sequence of SpringDamper
-    springs, damping : bool
-        Whether they pull, and whether they damp.
+    springs, damping: whether they pull, and whether they damp
     """
 
     def __init__(

@@ -93,11 +93,7 @@ class DrawnJoint:
 class DrawnTree(Tree):
     """A tree of bodies that are given where they are drawn.
 
-    Parameters
-    ----------
-    name : str
-    bodies : collection of str
-        Names that bodies will have: a joint of such a name gets no frame.
+    bodies: names that bodies will have: a joint of such a name gets no frame
     """
 
     def __init__(self, name: str, bodies: Collection[str] = ()) -> None:

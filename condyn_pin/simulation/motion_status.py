@@ -54,18 +54,10 @@ _OF_KINETIC = 1e-3
 class Course:
     """A motion as it is judged: its samples, what they measure, and how they were made.
 
-    Attributes
-    ----------
-    phases : sequence of Phase
-    t, q, v : array
-        Samples, (k,), (k, nq) and (k, nv).
-    violation, constraint_velocity : (k,) array
-        max abs(c(q)) [m, rad] and max abs(J v) [m/s, rad/s].
-    energy : Energy
-    dt : float
-        Time step [s].
-    integrator, solver, limits
-        As in `Run`.
+    t, q, v: samples, (k,), (k, nq) and (k, nv)
+    violation, constraint_velocity (k,): max abs(c(q)) [m, rad] and max abs(J v) [m/s, rad/s]
+    dt: time step [s]
+    integrator, solver, limits: as in `Run`
     """
 
     phases: Sequence[Phase]

@@ -52,19 +52,12 @@ class System:
     Arguments are not checked, and arrays that are returned are owned by the caller, unless it says
     otherwise.
 
-    Attributes
-    ----------
-    applied, torque : callable
-        (t, q, v) -> (nv,) [N, N m]: what is applied, and that with springs and damping. Not to be
-        written to.
-    passive : Passive
-        Springs and damping, those that are on.
-    manifold : Manifold
-        The coordinates of a step.
-    integrate : callable
-        (q, dq) -> q moved along dq, on a screw: for moves that are small, as corrections are.
-    contacts : Candidates
-        What may touch; the workspace and its scene know nothing of them.
+    applied, torque: (t, q, v) -> (nv,) [N, N m]: what is applied, and that with springs and
+        damping. Not to be written to.
+    passive: springs and damping, those that are on
+    manifold: the coordinates of a step
+    integrate: (q, dq) -> q moved along dq, on a screw: for moves that are small, as corrections are
+    contacts: what may touch; the workspace and its scene know nothing of them
     """
 
     def __init__(

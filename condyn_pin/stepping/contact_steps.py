@@ -591,11 +591,7 @@ class Closing(NamedTuple):
 class LoopProjection:
     """The closing of the loops of one system.
 
-    Parameters
-    ----------
-    system : System
-    factors : (M, J_b, q) -> MinimumNorm
-        Those that a step at q would have.
+    factors: those that a step at q would have
     """
 
     def __init__(

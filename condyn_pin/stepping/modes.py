@@ -53,23 +53,13 @@ class FixedModes(NamedTuple):
 class ModeDynamics:
     """Dynamics of contacts in fixed modes, until the next event.
 
-    Parameters
-    ----------
-    candidates : Candidates
-    modes : (candidates,) array of int
-        Places in `MODES`.
-    along : (cones, 2) array
-        Slip directions, unit vectors; also of cones without velocity yet.
-    sense : (intervals,) array
-        Slip directions of dry friction, 1 or -1.
-    lam : (rows,) array
-        Forces by which the modes were found.
-    guided : (cones,) bool array, optional
-        Flags of sliding cones that are guided.
-    turning : (cones,) array, optional
-        Rotation rates of their slip directions [rad/s].
-    since : float
-        Time at which the rotation begins [s].
+    modes (candidates,): places in `MODES`
+    along (cones, 2): slip directions, unit vectors; also of cones without velocity yet
+    sense (intervals,): slip directions of dry friction, 1 or -1
+    lam (rows,): forces by which the modes were found
+    guided (cones,): flags of sliding cones that are guided
+    turning (cones,): rotation rates of their slip directions [rad/s]
+    since: time at which the rotation begins [s]
     """
 
     def __init__(
@@ -210,22 +200,13 @@ class ContactTerms:
 
     StepFailed if the state, or what acts there, is not finite.
 
-    Attributes
-    ----------
-    t : float
-        Time [s].
-    q, v, tau : array
-        The state, and the torques with springs and damping.
-    M, h, J_b, gamma : array
-        As in the equation.
-    gaps : (k,) array
-        Of cones and half-lines [m, rad].
-    J, drift : (rows, nv), (rows,) array
-        J_c and Jdot_c v of all candidates.
-    sigma : (rows,) array
-        J_c v [m/s, rad/s].
-    path : (3, m) array
-        s, s' and s'' of what is driven; zero of all other constraints.
+    t: time [s]
+    q, v, tau: the state, and the torques with springs and damping
+    M, h, J_b, gamma: as in the equation
+    gaps (k,): of cones and half-lines [m, rad]
+    J (rows, nv), drift (rows,): J_c and Jdot_c v of all candidates
+    sigma (rows,): J_c v [m/s, rad/s]
+    path (3, m): s, s' and s'' of what is driven; zero of all other constraints
     """
 
     def __init__(self, system: System, t: float, q: Array, v: Array) -> None:

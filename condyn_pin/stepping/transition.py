@@ -68,17 +68,8 @@ class PhaseStart:
 class Transition:
     """Impacts and shocks at one instant, for one system.
 
-    Parameters
-    ----------
-    system : System
-    choice : NextModes
-    shortest : float
-        The shortest bounce [s].
-
-    Attributes
-    ----------
-    notes : list of (float, Note)
-        Sentences on the instants so far, each with its time [s].
+    shortest: the shortest bounce [s]
+    notes: sentences on the instants so far, each with its time [s]
     """
 
     def __init__(self, system: System, choice: NextModes, shortest: float) -> None:

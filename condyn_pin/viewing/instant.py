@@ -25,24 +25,14 @@ from condyn_pin.model.robot import Robot
 class Instant:
     """A scene at one instant, as it is drawn.
 
-    Attributes
-    ----------
-    joints : list of pin.SE3
-        Every joint in the world; the world itself is the first.
-    com : (3,) array
-        Centre of mass [m].
-    ends : mapping of str to pair of pin.SE3
-        The frames c1 and c2 of each constraint in the world; couplings have none.
-    gaps : mapping of str to ConstraintViolation
-        Gap of each position-level constraint.
-    bounds : mapping of str to BoundConstraint
-        The constraints that hold now.
-    forces : mapping of str to ConstraintForce
-        On the first-named body; empty where none are known.
-    touching : mapping of str to ContactView
-        Points that may touch a plane.
-    balance : Balance or None
-        Its balance on the floor; None if it was not computed.
+    joints: every joint in the world; the world itself is the first
+    com (3,): centre of mass [m]
+    ends: the frames c1 and c2 of each constraint in the world; couplings have none
+    gaps: gap of each position-level constraint
+    bounds: the constraints that hold now
+    forces: on the first-named body; empty where none are known
+    touching: points that may touch a plane
+    balance: its balance on the floor; None if it was not computed
     """
 
     joints: list[Any]
@@ -103,22 +93,13 @@ class PlottedForce:
 class ContactView:
     """A point that may touch a plane, at one configuration.
 
-    Attributes
-    ----------
-    at : (3,) array
-        The contact point [m].
-    axes : (3, 3) array
-        t1, t2 and n in the world, column by column.
-    gap : float
-        Signed distance [m].
-    friction : float
-        Coulomb's coefficient [1].
-    on, by : str
-        The force is on the first, from the second: the contact, and the joint of the other body.
-    mode : str
-        Open, stick or slide; empty if it is unknown.
-    force : (3,) array
-        In the axes t1, t2, n [N]; zero if it is unknown.
+    at (3,): the contact point [m]
+    axes (3, 3): t1, t2 and n in the world, column by column
+    gap: signed distance [m]
+    friction: Coulomb's coefficient [1]
+    on, by: the force is on the first, from the second: the contact, and the joint of the other body
+    mode: open, stick or slide; empty if it is unknown
+    force (3,): in the axes t1, t2, n [N]; zero if it is unknown
     """
 
     at: Array  # [m]

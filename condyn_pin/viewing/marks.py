@@ -518,10 +518,7 @@ def _written(text: str, colour: tuple[int, ...]) -> tuple[bytes, float]:
 class Camera:
     """Pose of the camera.
 
-    Attributes
-    ----------
-    at, target : (3,) array
-        Its position, and the point that it looks at [m].
+    at, target (3,): its position, and the point that it looks at [m]
     """
 
     at: Array  # [m]

@@ -202,11 +202,7 @@ _REQUEST_TIMEOUT: Final = 10.0  # [s] for the next bytes of a request, or of an 
 class Server(ThreadingHTTPServer):
     """Serves one page, to this machine only.
 
-    Parameters
-    ----------
-    page : bytes
-    port : int
-        A free one if it is 0.
+    port: A free one if it is 0
     """
 
     daemon_threads = True

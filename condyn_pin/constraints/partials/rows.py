@@ -269,10 +269,7 @@ class PointPartials:
 
     `data` holds what `pin.computeRNEADerivatives` leaves.
 
-    Attributes
-    ----------
-    k, between : int
-        How many points there are; of these, how many between two moving bodies.
+    k, between: how many points there are; of these, how many between two moving bodies
     """
 
     def __init__(

@@ -329,21 +329,13 @@ FRAME: Final[tuple[int, ...]] = (0, 1, 2, 3, 4, 5)
 class Bound(TwoFrameConstraint):
     """One constraint between two bodies, bound.
 
-    Attributes
-    ----------
-    joint1, placement1 : int, pin.SE3
-        The joint that carries frame c1, and where.
-    joint2, placement2 : int, pin.SE3
-        The same of c2. The world is joint 0.
-    selection : tuple of int
-        The rows x y z rx ry rz of the relative velocity that stay zero; empty for a rod.
-    axis : int
-        What a hinge or an edge turns about: 0, 1 or 2 for x, y or z of c1.
-    length : float
-        Of a rod [m]; NaN for all else.
-    lever : float
-        Half the distance of two points on `axis` that stand for a hinge, and what points that are
-        nearly one are moved apart by (`condyn_pin.constraints.rows.pinocchio`) [m].
+    joint1, placement1: the joint that carries frame c1, and where
+    joint2, placement2: The same of c2. The world is joint 0.
+    selection: the rows x y z rx ry rz of the relative velocity that stay zero; empty for a rod
+    axis: what a hinge or an edge turns about: 0, 1 or 2 for x, y or z of c1
+    length: of a rod [m]; NaN for all else
+    lever: half the distance of two points on `axis` that stand for a hinge, and what points that
+        are nearly one are moved apart by (`condyn_pin.constraints.rows.pinocchio`) [m]
     """
 
     name: str

@@ -49,24 +49,12 @@ if TYPE_CHECKING:
 class ConstraintRows:
     """Rows of one model's bound constraints, and the memory to evaluate them.
 
-    Parameters
-    ----------
-    model : pin.Model
-    bounds : sequence of AnyBound
-    memory : (3, m + 1) array
-        Where c, J v and J a + gamma are written, each followed by one more number.
-
-    Attributes
-    ----------
-    wanted : (3, m) array
-        s, s' and s'' of rows that are driven; zero of all others.
-    answer : bytes
-        What tells which answer was evaluated last (`answer_key`), while its groups and wrenches
-        stand.
-    redundancy : callable, optional
-        Finds the redundancy of the rows, or None where all rows count that are not zero.
-    digits : callable, optional
-        Finds it if digits of a file make rows count, which are left out on closed loops too.
+    memory (3, m + 1): where c, J v and J a + gamma are written, each followed by one more number
+    wanted (3, m): s, s' and s'' of rows that are driven; zero of all others
+    answer: what tells which answer was evaluated last (`answer_key`), while its groups and wrenches
+        stand
+    redundancy: finds the redundancy of the rows, or None where all rows count that are not zero
+    digits: finds it if digits of a file make rows count, which are left out on closed loops too
     """
 
     redundancy: Callable[[], Redundancy | None] | None = None
@@ -519,16 +507,7 @@ def answer_key(q: Array, v: Array, a: Array, lam: Array) -> bytes:
 class Equations(ConstraintRows):
     """Equations of one model with its bound constraints, and the memory to evaluate them.
 
-    Parameters
-    ----------
-    model : pin.Model
-    bounds : sequence of AnyBound
-    drift : Baumgarte, optional
-
-    Attributes
-    ----------
-    recursion : Recursion, optional
-        What takes the place of rnea and crba in the errors of answers without loads.
+    recursion: what takes the place of rnea and crba in the errors of answers without loads
     """
 
     recursion: Recursion | None = None

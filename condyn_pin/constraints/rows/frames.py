@@ -512,17 +512,11 @@ AXES, MOVING, FORCE, ONE, ROWS = slice(3), slice(3, 6), slice(6, 7), 7, 8
 class PointEnds:
     """Ends of k points, after forward kinematics into `data`.
 
-    Attributes
-    ----------
-    places : (2, k, 8, 3) array
-        What is known of c1 and of c2, in the world: overwritten by the next evaluation. All others
-        are views of it.
-    axes1 : (k, 3, 3) array
-        Axes of c1, one a row.
-    of_c1, of_c2 : (k, 2, 3) array
-        p'' and the force, which is on c2 alone.
-    known : (2 k, 15) array
-        All but axes, of c1 and behind all of them c2.
+    places (2, k, 8, 3): What is known of c1 and of c2, in the world: overwritten by the next
+        evaluation. All others are views of it.
+    axes1 (k, 3, 3): axes of c1, one a row
+    of_c1, of_c2 (k, 2, 3): p'' and the force, which is on c2 alone
+    known (2 k, 15): all but axes, of c1 and behind all of them c2
     """
 
     def __init__(self, data: Any, bounds: Sequence[TwoFrameConstraint]) -> None:

@@ -211,12 +211,8 @@ class PinocchioRows:
 
     `data` holds Jacobians of joints for `jacobian`, and forward kinematics with a = 0 for `gamma`.
 
-    Attributes
-    ----------
-    rows : slice or array of int
-        Which rows of J these are.
-    are_all, have_gamma : bool
-        Whether there are no others, and whether `gamma` is that of all rows.
+    rows: which rows of J these are
+    are_all, have_gamma: whether there are no others, and whether `gamma` is that of all rows
     """
 
     def __init__(self, model: Any, data: Any, bounds: Sequence[BoundConstraint]) -> None:

@@ -421,11 +421,7 @@ class _Pivoted:
 class KeptRows:
     """Combinations of rows that are kept at open states, where as many count as on closed loops.
 
-    Parameters
-    ----------
-    of : Redundancy
-    J : (m, nv) array
-        The rows at a closed state: their pivots there come first at every state.
+    J (m, nv): the rows at a closed state: their pivots there come first at every state
     """
 
     def __init__(self, of: Redundancy, J: Array) -> None:

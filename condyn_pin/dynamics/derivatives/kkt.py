@@ -413,14 +413,9 @@ Partial = Callable[[Array], Array]
 class TurningRows:
     """The rows that are kept at one state, and how they turn.
 
-    Parameters
-    ----------
-    redundancy : Redundancy
-    J : (m, nv) array
-    rank : int
-        Rows that are kept, less than m.
-    rest : (m,) array
-        What is left in the rows, s.
+    J (m, nv)
+    rank: rows that are kept, less than m
+    rest (m,): what is left in the rows, s
     """
 
     def __init__(self, redundancy: Redundancy, J: Array, rank: int, rest: Array) -> None:

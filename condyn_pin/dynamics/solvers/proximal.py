@@ -300,24 +300,14 @@ class _Open(NamedTuple):
 class OpenRows:
     """The rows that are kept at open states, solved by the factor of `pin.constraintDynamics`.
 
-    Parameters
-    ----------
-    workspace : Workspace
-    mu : float
-        What the factor has on the diagonal of G [1/kg].
-
-    Attributes
-    ----------
-    gaps : list of pairs
-        c of each constraint that has a position, with its own product: views of Pinocchio's memory.
-    is_open : bool
-        The last answer is that of kept rows; who has another sets it back.
-    held : list or None
-        Within a step, a list of its own: the basis of the rows that its first open state keeps, and
-        all after it. On closed loops every choice of independent rows is the same field, and beside
-        them a smooth one, so that the stages keep their order. None outside of steps.
-    always_open : bool
-        Digits of the file hide which rows are redundant, on closed loops too.
+    mu: what the factor has on the diagonal of G [1/kg]
+    gaps: c of each constraint that has a position, with its own product: views of Pinocchio's
+        memory
+    is_open: the last answer is that of kept rows; who has another sets it back
+    held: Within a step, a list of its own: the basis of the rows that its first open state keeps,
+        and all after it. On closed loops every choice of independent rows is the same field, and
+        beside them a smooth one, so that the stages keep their order. None outside of steps.
+    always_open: digits of the file hide which rows are redundant, on closed loops too
     """
 
     held: list[Array] | None
