@@ -311,4 +311,4 @@ def save_laboratory(
         *(partial(draw_stability, integrator) for integrator in integrators),
         partial(draw_contest, found),
     ]
-    save_panels(draw, path, size=(4.4, 3.4), columns=2, one_legend=True)
+    save_panels(draw, path, size=(4.4, 3.4), columns=2)

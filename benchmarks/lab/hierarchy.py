@@ -185,9 +185,7 @@ def save_hierarchies(tables: Sequence[HierarchyTable], path: str | Path) -> None
 
     draw = [partial(draw_hierarchy, table) for table in tables]
     note, machine = "{processor}, Pinocchio {pinocchio}", tables[0].machine
-    save_panels(
-        draw, path, size=(4.8, 4.0), columns=len(draw), note=note, machine=machine, one_legend=True
-    )
+    save_panels(draw, path, size=(4.8, 4.0), columns=len(draw), note=note, machine=machine)
 
 
 # Measured

@@ -82,9 +82,6 @@ JointValues = Annotated[
 Posture = Annotated[str | None, typer.Option(help="Posture to use; the first one by default.")]
 
 # How it is solved and moved
-SolverName = Annotated[
-    str, typer.Option(help="A name of `condyn solvers`.", autocompletion=solver_names)
-]
 SolverOrNone = Annotated[
     str | None,
     typer.Option(

@@ -157,17 +157,9 @@ def solvers_of(names: str) -> tuple[Solver, ...]:
 
 def integrator_of(text: str | None) -> Integrator | None:
     """Return the integrator of a name, or of a call: ``Moreau(contact=ADMM(tolerance=1e-6))``."""
-    return (
-        None
-        if text is None
-        else cast(Integrator, _registry_instance("integrator", text, INTEGRATORS))
-    )
-
-
-def _registry_instance(kind: str, text: str, registry: Mapping[str, type]) -> object:
-    """Instance of a registry's class, from its name or a call with parameters."""
-    name = text.partition("(")[0].strip()
-    made = _registry_entry(kind, name, registry)
+    if text is None:
+        return None
+    made = _registry_entry("integrator", text.partition("(")[0].strip(), INTEGRATORS)
     try:
         return made(**read_call(text).parameters_made(SCHEMES))
     except KeyError as error:
@@ -175,7 +167,7 @@ def _registry_instance(kind: str, text: str, registry: Mapping[str, type]) -> ob
     except (ValueError, TypeError) as error:
         if isinstance(error, CondynError):
             raise
-        known = ", ".join(f.name for f in fields(made))
+        known = ", ".join(f.name for f in fields(cast(Any, made)))
         raise InvalidArgument(f"{text}: {made.__name__} has the parameters {known}") from error
 
 

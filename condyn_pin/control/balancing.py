@@ -561,7 +561,8 @@ class PushBound:
             raise InvalidArgument(f"s = {s:g} m: behind the start; the way back has its own bound")
         rest = np.append(s, self.travel[self.travel > s])
         ahead = np.interp(rest, self.travel, self.pressure) - rest
-        return float(np.sqrt(2.0 * self.gravity / self.height * max(_area(rest, ahead), 0.0)))
+        area = float((np.diff(rest) * (ahead[1:] + ahead[:-1])).sum() / 2.0)  # by trapezia
+        return float(np.sqrt(2.0 * self.gravity / self.height * max(area, 0.0)))
 
     def __repr__(self) -> str:
         held = f", held back by {', '.join(self.motors)}" if self.motors else ""
@@ -650,8 +651,3 @@ def push_bound(
     )
     travel, pressure, motors = brake.stop(q_)
     return PushBound(along, travel, pressure, motors, brake.height, scene.robot.mass, brake.gravity)
-
-
-def _area(x: Array, y: Array) -> float:
-    """Return the integral of y over x by trapezia."""
-    return float((np.diff(x) * (y[1:] + y[:-1])).sum() / 2.0)

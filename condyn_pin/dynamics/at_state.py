@@ -31,7 +31,6 @@ from condyn_pin.constraints.rows.bound import (
     Terms,
     finite_terms,
     gap_of,
-    velocity_of,
 )
 from condyn_pin.constraints.rows.equations import ROUNDED, Equations
 from condyn_pin.dynamics.nominal import digits_of
@@ -195,7 +194,8 @@ def by_digits(scene: Scene) -> Redundancy | None:
 
 def constraint_velocities(scene: Scene, velocity: Array) -> dict[str, ConstraintViolation]:
     """Return the relative velocity of the two sides of each constraint, from J v (m,)."""
-    return {b.name: velocity_of(scene.robot.model, b, velocity[b.rows]) for b in scene.bounds}
+    rates = {b.name: b.rates(scene.robot.model, velocity[b.rows]) for b in scene.bounds}
+    return {name: ConstraintViolation(*each) for name, each in rates.items()}
 
 
 def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:

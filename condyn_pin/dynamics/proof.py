@@ -353,11 +353,6 @@ def without_idle_rows(method: BoundSolver, idle: NDArray[np.bool_]) -> BoundSolv
     return replace(method, lam=lam, exact=exact)
 
 
-def exact_where_slipping(workspace: Workspace, method: BoundSolver) -> BoundSolver:
-    """A method with the scene's own rows where J v is far from 0, and Pinocchio's differ by it."""
-    return replace(fallback_off_manifold(workspace, method, slips=True), open_rows=method.open_rows)
-
-
 def fallback_off_manifold(
     workspace: Workspace, closed: BoundSolver, slips: bool = False
 ) -> BoundSolver:

@@ -77,16 +77,16 @@ def index(robot: Robot, name: str, of: Literal["q", "v"]) -> int:
     return int(start)
 
 
-def with_values(model: Any, q: Array, values: Values, where: str = "") -> Array:
+def with_values(model: Any, q: Array, values: Values) -> Array:
     """Configuration q with the values of some joints."""
     # A joint that is (cos, sin) also takes its angle [rad].
     q = np.array(q)
     for name, value in _pairs(values):
         joint = joint_of(model, name)
         if joint.nq == 2 and joint.nv == 1 and _is_one(value):
-            angle = finite(f"{where}{name}", value, ())
+            angle = finite(name, value, ())
             value = [np.cos(angle), np.sin(angle)]
-        q[joint.idx_q : joint.idx_q + joint.nq] = _numbers(where + name, value, joint.nq)
+        q[joint.idx_q : joint.idx_q + joint.nq] = _numbers(name, value, joint.nq)
     return q
 
 

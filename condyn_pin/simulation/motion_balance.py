@@ -99,7 +99,8 @@ def motion_balance(trajectory: Trajectory) -> MotionBalance:
     Takes a millisecond a sample.
     """
     check_type("trajectory", trajectory, Trajectory, "one of simulate is needed")
-    if not any(_may_press(phase.scene) for phase in trajectory.phases):
+    scenes = [phase.scene for phase in trajectory.phases]
+    if not any(_on_ground(x) or any(c.support for c in x.constraints) for x in scenes):
         raise InvalidArgument("trajectory: its scene has no contact that presses on a floor")
     found = list(balances(trajectory, range(len(trajectory.t))))
     return MotionBalance(
@@ -172,10 +173,6 @@ def _on_plane(trajectory: Trajectory, name: str, k: int) -> bool:
 def _on_ground(scene: Scene) -> set[str]:
     """Return the contacts whose other side is the world."""
     return {name for bound in scene.contact_bounds for name, ground in bound.cones if not ground}
-
-
-def _may_press(scene: Scene) -> bool:
-    return bool(_on_ground(scene)) or any(each.support for each in scene.constraints)
 
 
 def _least(margins: Array) -> float:

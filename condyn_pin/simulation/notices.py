@@ -256,7 +256,8 @@ def answer_notices(trajectory: Trajectory, answers: Answers) -> list[str]:
             (t, notice)
             for t, answer in answers
             for notice in answer.notices
-            if notice not in of_file.union(_pulling_contacts(answer))  # the largest pull is said
+            if notice not in of_file  # and the largest pull is said below
+            and notice not in pulling(answer.forces, Sites(answer.scene, answer.q))
         ]
     said: dict[str, str] = {}
     remarked = [str(remark) for remark in run.remarks]
@@ -264,10 +265,6 @@ def answer_notices(trajectory: Trajectory, answers: Answers) -> list[str]:
         if not any(notice in remark for remark in remarked):
             said.setdefault(_NUMBER.sub("#", notice), f"t = {t:.4g} s: {notice}")
     return list(said.values())
-
-
-def _pulling_contacts(answer: Solution) -> tuple[str, ...]:
-    return pulling(answer.forces, Sites(answer.scene, answer.q))
 
 
 def _answers(trajectory: Trajectory) -> Answers:

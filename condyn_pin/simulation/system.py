@@ -229,7 +229,7 @@ class System:
         """
         equations = self.equations
         left = equations.left_out_by_digits(equations.jacobian(q)) if equations.digits else None
-        return left.kept if left else _as_they_are
+        return left.kept if left else lambda x: x
 
     def size(self, q: Array) -> float:
         """Scale of the positions whose difference is c(q) [m, rad], at least 1."""
@@ -266,10 +266,6 @@ def total_torque(applied: Applied, passive: Passive, dt: float = 0.0) -> Torque:
         return tau if between is None else tau + between.torque(q, v, dt)
 
     return torque
-
-
-def _as_they_are(x: Array) -> Array:
-    return x
 
 
 def _felt(bound: BoundContact) -> Iterator[int]:

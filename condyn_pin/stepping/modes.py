@@ -348,12 +348,10 @@ def shared_loads(
     return (
         found
         if lam is None
-        else max(found, _with_limits(candidates, dynamics, terms, lam), key=_least_margin)
+        else max(
+            found, _with_limits(candidates, dynamics, terms, lam), key=lambda shares: shares.least
+        )
     )
-
-
-def _least_margin(shares: LoadSharing) -> float:
-    return shares.least
 
 
 def _with_limits(

@@ -48,18 +48,15 @@ def save_panels(
     columns: int,
     note: str = "",
     machine: Mapping[str, str] | None = None,
-    one_legend: bool = False,
 ) -> None:
     """Draw into the panels of one picture, each of a size [inch]; a note has the machine's words.
 
-    With `one_legend` a legend below them has what is in any of them, where they have the same
-    methods. The ending of `path` says which format.
+    A legend below them has what is in any of them. The ending of `path` says which format.
     """
     figure, places = panels(len(draw), width=size[0], height=size[1], columns=columns)
     for one, ax in zip(draw, places, strict=False):
         one(ax)
-    if one_legend:
-        _share_legend(figure, places, min(columns, len(draw)))
+    _share_legend(figure, places, min(columns, len(draw)))
     if note:
         words = {"processor": "", "pinocchio": ""} | dict(machine or {})
         figure.suptitle(note.format_map(words), fontsize=8)
@@ -138,9 +135,7 @@ def save_bench(table: BenchTable, path: str | Path) -> None:
     scenes = dict.fromkeys(row.scene for row in table.rows if row.origin == "python")
     note = "{processor}, Pinocchio {pinocchio}; dashed: what status ok promises"
     draw = [partial(draw_bench, table, scene) for scene in scenes]
-    save_panels(
-        draw, path, size=(4.0, 3.2), columns=3, note=note, machine=table.machine, one_legend=True
-    )
+    save_panels(draw, path, size=(4.0, 3.2), columns=3, note=note, machine=table.machine)
 
 
 # Studies
@@ -245,6 +240,4 @@ def save_trade(table: Table, path: str | Path) -> None:
         raise InvalidArgument("the table has no rows: nothing to draw")
     note = "{processor}, Pinocchio {pinocchio}; hollow: said to be inaccurate"
     draw = [partial(work_precision, table, *question) for question in questions]
-    save_panels(
-        draw, path, size=(4.0, 3.4), columns=3, note=note, machine=table.machine, one_legend=True
-    )
+    save_panels(draw, path, size=(4.0, 3.4), columns=3, note=note, machine=table.machine)

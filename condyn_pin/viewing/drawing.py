@@ -209,7 +209,7 @@ def stage() -> Iterator[three.Command]:
     """Return the commands that remove meshcat's lights, and hide its background, axes and grid."""
     yield three.delete("/Lights")
     for path in ("/Background", "/Axes", "/Grid"):
-        yield three.set_property(path, "visible", False)
+        yield three.hide(path)
 
 
 # What is drawn of each kind of subject: a robot, a scene, an answer, a step, a motion.

@@ -298,7 +298,8 @@ def closure_parts(
             yield Part(f"closures/{name}/state", middle, ball, on_top=True, tint=_tint(name))
             gap = worst.get(name)
             if gap is not None:
-                text, colour = f"{name}: {_gap_text(gap)}", gap_colour(gap.length)
+                text = f"{name}: {gap if gap.size > tolerances.CLOSED else 'closed'}"
+                colour = gap_colour(gap.length)
                 yield label(f"closures/{name}/label", text, colour, middle, 0.024 * size)
 
 
@@ -346,10 +347,6 @@ def _tint(name: str) -> Tint:
         return gap_colour(at.gaps[name].length if name in at.gaps else 0.0)
 
     return colour
-
-
-def _gap_text(gap: ConstraintViolation) -> str:
-    return str(gap) if gap.size > tolerances.CLOSED else "closed"
 
 
 # Patches: the meshes of the shapes that contacts are drawn with.

@@ -107,9 +107,9 @@ def transform(path: str, T: Array) -> Command:
     return {"type": "set_transform", "path": path, "matrix": T.T.ravel().tolist()}
 
 
-def set_property(path: str, name: str, value: Any) -> Command:
-    """Return the command that sets a property of the object at a path."""
-    return {"type": "set_property", "path": path, "property": name, "value": value}
+def hide(path: str) -> Command:
+    """Return the command that hides the object at a path."""
+    return {"type": "set_property", "path": path, "property": "visible", "value": False}
 
 
 def delete(path: str) -> Command:

@@ -656,11 +656,6 @@ def gap_of(model: Any, bound: BoundConstraint, c: Array) -> ConstraintViolation:
     return ConstraintViolation(*bound.opening(model, c))
 
 
-def velocity_of(model: Any, bound: BoundConstraint, rows: Array) -> ConstraintViolation:
-    """Rate of the gap of one constraint, by its rows of J v."""
-    return ConstraintViolation(*bound.rates(model, rows))
-
-
 def _digits(x: float) -> str:
     """Number with three digits, as a decimal fraction unless it is tiny."""
     if not _TINY <= x < math.inf:

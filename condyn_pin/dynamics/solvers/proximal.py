@@ -40,7 +40,6 @@ from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.dynamics.proof import (
     OPEN_SQUARED,
     Refinement,
-    exact_where_slipping,
     fallback_off_manifold,
 )
 from condyn_pin.dynamics.solvers.solver import BoundSolver, Singular, Solver
@@ -196,7 +195,8 @@ class Proximal(Solver):
             method = _refined(workspace, method, refinements, rows)
         if approximated:
             exact = fallback_off_manifold(workspace, method)
-            return replace(exact_where_slipping(workspace, method), exact=exact)
+            slipping = fallback_off_manifold(workspace, method, slips=True)
+            return replace(slipping, open_rows=method.open_rows, exact=exact)
         return replace(method, exact=_refined_where_open(method, rows)) if rows else method
 
 
