@@ -238,13 +238,16 @@ BAD = {
     "a length of nan": lambda: cp.Loop("a", "b", "rod", length=np.nan),
     **{
         f"a {kind} without an axis": lambda kind=kind: cp.Loop("a", "b", kind)
-        for kind in ("hinge", "slider", "planar")
+        for kind in ("hinge", "slider", "cylindrical", "planar", "universal")
     },
     **{
         f"a {kind} with an axis": lambda kind=kind: cp.Loop("a", "b", kind, axis="y")
         for kind in ("ball", "weld", "rod")
     },
     "an axis w": lambda: cp.Loop("a", "b", "hinge", axis="w"),
+    "two axes of a hinge": lambda: cp.Loop("a", "b", "hinge", axis="xy"),
+    "one axis of a cross": lambda: cp.Loop("a", "b", "universal", axis="x"),
+    "one axis of a cross twice": lambda: cp.Loop("a", "b", "universal", axis="xx"),
     "an axis 2": lambda: cp.Loop("a", "b", "hinge", axis=2),
     "a ratio of zero": lambda: cp.constraints.Coupling("a", "b", 0.0),
     "a ratio of nan": lambda: cp.constraints.Coupling("a", "b", np.nan),

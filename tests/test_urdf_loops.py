@@ -102,6 +102,12 @@ def test_other_kinds_of_loops(kind, rows):
     assert cp.Scene(robot, robot.loops).rows == rows
 
 
+def test_a_cylindrical_loop():
+    robot = bars(CLOSED["an axis in the parent"].replace("revolute", "cylindrical"))
+    (loop,) = robot.loops
+    assert (loop.kind, loop.axis, loop.rows) == ("cylindrical", "z", 4)
+
+
 def test_a_file_with_one_loop_in_two_ways_has_both():
     robot = bars(
         CLOSED["in a gazebo element"] + POINT.format(TIP, "link2", END).replace("c", "d", 1)

@@ -8,12 +8,14 @@ of c2's origin in c1, R the axes of c2 in c1, and every velocity in the axes of 
 
 and a kind is a choice of rows of s = 0:
 
-    ball    x y z                the two origins stay together
-    weld    x y z rx ry rz       the two frames stay together
-    hinge   all but the turn about `axis`
-    slider  all but the shift along `axis`
-    planar  x y z but the shift along `axis`: the pin of a linkage in the plane across it
-    rod     r . s / |r|: the distance of the two origins stays
+    ball         x y z                the two origins stay together
+    weld         x y z rx ry rz       the two frames stay together
+    hinge        all but the turn about `axis`
+    slider       all but the shift along `axis`
+    cylindrical  all but the turn about `axis` and the shift along it
+    planar       x y z but the shift along `axis`: the pin of a linkage in the plane across it
+    universal    x y z, and (e_i x R e_j) . s_ang: axis i of c1 stays across axis j of c2
+    rod          r . s / |r|: the distance of the two origins stays
 """
 
 from __future__ import annotations
@@ -24,7 +26,7 @@ from typing import Any, ClassVar, Final, Literal, get_args
 
 import numpy as np
 
-from condyn_pin._core.arrays import text_of
+from condyn_pin._core.arrays import Array, text_of
 from condyn_pin.constraints.constraint import (
     Axis,
     BetweenFrames,
@@ -38,16 +40,22 @@ from condyn_pin.constraints.constraint import (
 from condyn_pin.constraints.driven import not_to_drive
 from condyn_pin.constraints.places import FrameLike, set_frames
 from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound, BoundConstraint
+from condyn_pin.constraints.rows.frames import cross
 from condyn_pin.constraints.rows.special import BoundRelation, RelativePosition
 from condyn_pin.errors import InvalidArgument
 
-LoopKind = Literal["ball", "weld", "hinge", "slider", "planar", "rod"]
+LoopKind = Literal["ball", "weld", "hinge", "slider", "cylindrical", "planar", "universal", "rod"]
+AxisPair = Literal["xy", "xz", "yx", "yz", "zx", "zy"]  # of frame a, and of frame b
 
+_OF_A: Final = 'the axis of {frame_a!r} that %s: axis="x", "y" or "z"'
 # What the axis of a kind is; the other kinds have none.
 _AXES: Final = {
-    "hinge": "it turns about",
-    "slider": "it moves along",
-    "planar": "it leaves free, across the plane of the linkage",
+    "hinge": _OF_A % "it turns about",
+    "slider": _OF_A % "it moves along",
+    "cylindrical": _OF_A % "it turns about and moves along",
+    "planar": _OF_A % "it leaves free, across the plane of the linkage",
+    "universal": "the axis of {frame_a!r} that it turns about and, across it, that of {frame_b!r}: "
+    'axis="xy" for x of the one and y of the other',
 }
 
 # What MuJoCo calls them; a hinge is two of them.
@@ -57,7 +65,7 @@ _EQUALITIES: Final = {"ball": "connect", "weld": "weld", "hinge": "connect"}
 _APART: Final = 0.1  # [m]
 
 
-def axis_of(kind: str, axis: Axis = "z") -> Axis | None:
+def axis_of(kind: str, axis: Axis | AxisPair = "z") -> Axis | AxisPair | None:
     """Axis of a loop of a kind that has one; None for other kinds."""
     return axis if kind in _AXES else None
 
@@ -69,23 +77,28 @@ class Loop(BetweenFrames):
     What is held of the velocity (v, omega) of `frame_a` relative to `frame_b`, with e the axis and
     r from one origin to the other:
 
-        ball    v = 0            weld    v = 0, omega = 0
-        planar  e x v = 0        hinge   v = 0, e x omega = 0
-        rod     r . v = 0        slider  e x v = 0, omega = 0
+        ball    v = 0            weld         v = 0, omega = 0
+        planar  e x v = 0        hinge        v = 0, e x omega = 0
+        rod     r . v = 0        slider       e x v = 0, omega = 0
+                                 cylindrical  e x v = 0, e x omega = 0
+                                 universal    v = 0, (e x e_b) . omega = 0
 
     Parameters
     ----------
     frame_a, frame_b : str, (joint, pin.SE3) or pin.Frame
         The two halves of the joint that closes the loop. One of them may belong to the world.
-    kind : {"ball", "weld", "hinge", "slider", "planar", "rod"}
-        The joint that was cut, with 3, 6, 5, 5, 2 and 1 rows. A ball closes planar linkages too,
-        with a redundant row that ``planar`` does not have; an answer that is ok is right with
-        either. Sliders, rods, and planar pins whose bodies can leave the plane have no equivalent
-        in Pinocchio, and take five times as long or more. A weld in place of a hinge locks it.
-    axis : {"x", "y", "z"}, optional
-        Of `frame_a`: a hinge turns about it, a slider moves along it, and a planar pin leaves it
-        free. These three need it; the other kinds have none. The same axis of `frame_b` coincides
-        with it in a hinge.
+    kind : {"ball", "weld", "hinge", "slider", "cylindrical", "planar", "universal", "rod"}
+        The joint that was cut, with 3, 6, 5, 5, 4, 2, 4 and 1 rows. A ball closes planar linkages
+        too, with a redundant row that ``planar`` does not have; an answer that is ok is right with
+        either. Sliders, cylindrical and universal joints, rods, and planar pins whose bodies can
+        leave the plane have no equivalent in Pinocchio, and take five times as long or more. A weld
+        in place of a hinge locks it.
+    axis : {"x", "y", "z"} or {"xy", "xz", "yx", "yz", "zx", "zy"}, optional
+        Of `frame_a`: a hinge turns about it, a slider moves along it, a cylindrical joint does
+        both, and a planar pin leaves it free. The same axis of `frame_b` coincides with it in a
+        hinge and a cylindrical joint. A universal joint has two: "xy" is a cross with one pin along
+        x of `frame_a` and the other along y of `frame_b`. These kinds need it; the others have
+        none.
     length : float, optional
         Of a rod [m], which needs it; the other kinds have none.
     name : str, optional
@@ -110,7 +123,7 @@ class Loop(BetweenFrames):
     frame_a: FrameLike
     frame_b: FrameLike
     kind: LoopKind = "ball"
-    axis: Axis | None = None
+    axis: Axis | AxisPair | None = None
     length: float | None = None  # [m]
 
     def __post_init__(self) -> None:
@@ -129,12 +142,13 @@ class Loop(BetweenFrames):
     def _check_axis(self) -> None:
         """Raise InvalidArgument for a missing axis, or for one that the kind does not have."""
         if self.kind in _AXES:
+            wanted = _AXES[self.kind].format(frame_a=self.frame_a, frame_b=self.frame_b)
             if self.axis is None:
-                raise InvalidArgument(
-                    f"axis: a {self.kind} needs the axis of {self.frame_a!r} that "
-                    f'{_AXES[self.kind]}: axis="x", "y" or "z"'
-                )
-            check_axis(self.axis)
+                raise InvalidArgument(f"axis: a {self.kind} needs {wanted}")
+            if self.kind != "universal":
+                check_axis(self.axis)
+            elif self.axis not in get_args(AxisPair):
+                raise InvalidArgument(f"axis = {text_of(self.axis)}: a universal needs {wanted}")
         elif self.axis is not None:
             raise InvalidArgument(
                 f"axis = {text_of(self.axis)} for a {self.kind}, which has no axis: leave it out, "
@@ -144,12 +158,17 @@ class Loop(BetweenFrames):
     @property
     def _axis(self) -> int:
         """Column of the axis in the axes of `frame_a`; that of z for a kind without an axis."""
-        return "xyz".index(self.axis or "z")
+        return "xyz".index((self.axis or "z")[0])
+
+    @property
+    def _other_axis(self) -> int:
+        """Column of the last axis, of `frame_b` in a universal joint."""
+        return "xyz".index((self.axis or "z")[-1])
 
     @property
     def rows(self) -> int:
         """Number of rows of the kind."""
-        return len(self._selected) or 1
+        return 4 if self.kind == "universal" else len(self._selected) or 1
 
     @property
     def _selected(self) -> tuple[int, ...]:
@@ -160,11 +179,13 @@ class Loop(BetweenFrames):
             "weld": FRAME,
             "hinge": tuple(i for i in FRAME if i != 3 + axis),
             "slider": tuple(i for i in FRAME if i != axis),
+            "cylindrical": tuple(i for i in FRAME if i % 3 != axis),
             "planar": tuple(i for i in POINT if i != axis),
+            "universal": POINT,
             "rod": (),
         }[self.kind]
 
-    def bind(self, machine: Machine, rows: slice) -> Bound:
+    def bind(self, machine: Machine, rows: slice) -> BoundConstraint:
         """Return the loop with c1 its first frame and c2 its second one.
 
         Where the first one is the world's they are exchanged, for rows that Pinocchio has: in the
@@ -173,6 +194,8 @@ class Loop(BetweenFrames):
         one, two, sign = machine.frame(self.frame_a), machine.frame(self.frame_b), 1.0
         if one[0] == 0 and self.kind in ("ball", "weld", "hinge"):
             one, two, sign = two, one, -1.0  # the force is reported with the other sign
+        if self.kind == "universal":
+            return BoundRelation(self.name, rows, *one, *two, Cross(self._axis, self._other_axis))
         length = nan if self.length is None else self.length
         return Bound(
             self.name, rows, *one, *two, self._selected, sign=sign, axis=self._axis, length=length,
@@ -242,10 +265,53 @@ class Loop(BetweenFrames):
         a, b = (to.site(f, f"{self.name}_{e}") for f, e in zip(self.frames, "ab", strict=True))
         to.equate(tag, name=self.name, site1=a, site2=b)
         if self.kind == "hinge":
-            far = self.bind(to.robot, slice(0, self.rows)).lever
+            ends = (to.robot.frame(frame)[1] for frame in self.frames)
+            far = lever(to.robot, *ends)
             x, y, z = (far * np.eye(3)[self._axis]).tolist()
             a, b = (
                 to.site_beside(f, f"{self.name}_axis_{e}", (x, y, z))
                 for f, e in zip(self.frames, "ab", strict=True)
             )
             to.equate(tag, name=f"{self.name}_axis", site1=a, site2=b)
+
+
+@dataclass(frozen=True)
+class Cross:
+    """Cross of a universal joint: one pin along axis i of c1, the other along axis j of c2.
+
+    c = (-r, e_i . u),    W = ((1, 0), (0, e_i x u)),    u = R e_j,    u' = -s_ang x u
+    """
+
+    i: int
+    j: int
+
+    row_words: ClassVar[tuple[str, ...]] = ("x", "y", "z", "square")
+    angles: ClassVar[tuple[bool, ...]] = (False, False, False, True)
+
+    def violation(self, R: Array, r: Array) -> Array:
+        """Violation c (4,) [m, and the cosine of the angle between the pins]."""
+        return np.array([*-r, R[self.i, self.j]])
+
+    def weights(self, R: Array, r: Array) -> Array:
+        """Weights W (4, 6)."""
+        W = np.zeros((4, 6))
+        W[:3, :3] = np.eye(3)
+        W[3, 3:] = self._across(R[:, self.j])
+        return W
+
+    def weights_rate(self, R: Array, r: Array, s: Array) -> Array:
+        """Rate W' (4, 6) of the weights while the frames move by s."""
+        rate = np.zeros((4, 6))
+        rate[3, 3:] = self._across(cross(R[:, self.j], s[3:]))
+        return rate
+
+    def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
+        """Partials of W' by moves of the frames (6, 4, 6)."""
+        bend = np.zeros((6, 4, 6))
+        for k, turn in enumerate(np.eye(3)):
+            bend[3 + k, 3, 3:] = self._across(cross(cross(R[:, self.j], turn), s[3:]))
+        return bend
+
+    def _across(self, u: Array) -> Array:
+        """Product e_i x u."""
+        return cross(np.eye(3)[self.i], u)

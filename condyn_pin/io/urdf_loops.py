@@ -22,7 +22,7 @@ By a file ``ROBOT.yaml`` beside ``ROBOT.urdf``, or ``robot.yaml``; ``.yml`` and 
     closed_loop: [[FRAME, FRAME], ...]     the two ends of each loop
     type: [6D, 3D, ...]                    of each loop: 6D is a weld, 3D a ball; 6D if left out;
                                            or a kind of `Loop` with its axis, or a rod's length:
-                                           hinge y, planar y, slider x, rod 0.3
+                                           hinge y, universal xy, slider x, rod 0.3
     name_mot: [JOINT, ...]                 joints with a motor
     joint_name: [JOINT, ...]               joints that a URDF cannot describe,
     joint_type: [SPHERICAL, ...]           and what they are: SPHERICAL, FIXED, or UJOINT_XY, two
@@ -54,6 +54,7 @@ from condyn_pin.io.xml import find, floats, label, place
 _JOINTS: Final[Mapping[str, LoopKind]] = {
     "revolute": "hinge", "continuous": "hinge", "hinge": "hinge", "prismatic": "slider",
     "slider": "slider", "spherical": "ball", "ball": "ball", "fixed": "weld", "weld": "weld",
+    "cylindrical": "cylindrical",
 }  # fmt: skip
 _AXIS: Final = "1 0 0"  # of the format, where it says none
 
@@ -368,7 +369,7 @@ def _kind(text: str) -> dict[str, Any]:
     if kind not in get_args(LoopKind):
         raise InvalidModel(str(unknown_name("type of loop", text, _TYPES)))
     said: dict[str, Any] = {"kind": kind}
-    if kind in ("hinge", "slider", "planar") and len(more) == 1:
+    if axis_of(kind) and len(more) == 1:
         return said | {"axis": more[0].lower()}
     if kind == "rod" and len(more) == 1:
         try:
@@ -378,7 +379,8 @@ def _kind(text: str) -> dict[str, Any]:
     if kind in _KINDS.values() and not more:
         return said
     wanted = {"rod": "a length [m] is needed, as in rod 0.3", "ball": "it stands alone"}
-    said_of = wanted.get("ball" if kind == "weld" else kind, f"an axis is needed, as in {kind} y")
+    example = "universal xy" if kind == "universal" else f"{kind} y"
+    said_of = wanted.get("ball" if kind == "weld" else kind, f"an axis is needed, as in {example}")
     raise InvalidModel(f"{text!r}: {said_of}")
 
 

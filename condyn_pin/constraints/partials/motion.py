@@ -420,7 +420,7 @@ def by_gap(b: Pair, R: Array, r: Array, W: Array) -> Array:
     C = W.copy()
     if b.is_about_c1:
         C[:6] = pin.Jlog6(pin.SE3(R, r)) @ np.kron(np.eye(2), R.T)
-    elif not b.is_hinge:
+    elif not b.is_aligned:
         C[3:6, 3:] = pin.Jlog3(R) @ R.T
     else:
         e = np.eye(3)[b.axis]

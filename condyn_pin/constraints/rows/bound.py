@@ -332,7 +332,7 @@ class Bound(TwoFrameConstraint):
     joint1, placement1: the joint that carries frame c1, and where
     joint2, placement2: The same of c2. The world is joint 0.
     selection: the rows x y z rx ry rz of the relative velocity that stay zero; empty for a rod
-    axis: what a hinge or an edge turns about: 0, 1 or 2 for x, y or z of c1
+    axis: what a hinge, a cylindrical joint or an edge turns about: 0, 1 or 2 for x, y or z of c1
     length: of a rod [m]; NaN for all else
     lever: half the distance of two points on `axis` that stand for a hinge, and what points that
         are nearly one are moved apart by (`condyn_pin.constraints.rows.pinocchio`) [m]
@@ -362,6 +362,11 @@ class Bound(TwoFrameConstraint):
     def is_hinge(self) -> bool:
         """True for a hinge: its rows are all but one turn."""
         return self.size == 5 and self.selection[:3] == POINT
+
+    @property
+    def is_aligned(self) -> bool:
+        """True for a hinge and a cylindrical joint: the turns across `axis` are held."""
+        return self.is_hinge or self.size == 4
 
     @property
     def hinge_axis(self) -> int | None:
@@ -434,7 +439,8 @@ class Bound(TwoFrameConstraint):
             how = {POINT: BALL, FRAME: WELD}.get(self.selection, CUT)
         return CompiledRows(
             how, self.rows, self.joint1, self.joint2, self.selection, is_anchored=self.anchored,
-            is_hinge=self.is_hinge, is_slider=self.size == 5 and not self.is_hinge, axis=self.axis,
+            is_hinge=self.is_aligned, is_slider=self.size == 5 and not self.is_hinge,
+            axis=self.axis,
             placement1=placement(self.placement1), placement2=placement(self.placement2),
             sign=self.sign, length=self.length if self.is_rod else 0.0,
         )  # fmt: skip

@@ -284,8 +284,8 @@ class CutJoints:
         self._rows = rows_of(bounds)
         chosen = [6 * i + j for i, b in enumerate(bounds) for j in b.selection]
         self._chosen = np.array(chosen, dtype=np.int_)  # of the k x 6 components
-        self._hinges = np.array([i for i, b in enumerate(bounds) if b.is_hinge], dtype=np.int_)
-        self._axes = np.eye(3)[[bounds[i].axis for i in self._hinges]]
+        self._aligned = np.array([i for i, b in enumerate(bounds) if b.is_aligned], dtype=np.int_)
+        self._axes = np.eye(3)[[bounds[i].axis for i in self._aligned]]
         self._sliders = [i for i, b in enumerate(bounds) if b.size == 5 and not b.is_hinge]
         self._anchored = np.array([[[float(b.anchored)]] for b in bounds])
         self._R, self._r = np.zeros((k, 3, 3)), np.zeros((k, 3))
@@ -317,14 +317,14 @@ class CutJoints:
             J[b.rows] = np.vstack([linear, J1[3:] - R @ J2[3:]])[list(b.selection)]
 
     def _turn_off(self) -> Array:
-        """Rotation errors of hinges and sliders, as rotation vectors."""
+        """Rotation errors of hinges, cylindrical joints and sliders, as rotation vectors."""
         off = np.zeros_like(self._r)
         for i in self._sliders:
             off[i] = -pin.log3(self._R[i])
-        if not len(self._hinges):
+        if not len(self._aligned):
             return off
         e = self._axes
-        turned = (self._R[self._hinges] @ e[:, :, None])[:, :, 0]
+        turned = (self._R[self._aligned] @ e[:, :, None])[:, :, 0]
         across, cosine = cross(turned, e), dot(turned, e)
         sine = np.sqrt(dot(across, across))
         # an axis that points backwards is half a turn off, about any axis across
@@ -332,7 +332,7 @@ class CutJoints:
             sine[:, None] > 0, across, np.where(cosine[:, None] < 0, np.roll(e, 1, axis=1), 0)
         )
         scale = np.arctan2(sine, cosine) / np.where(sine > 0, sine, 1.0)
-        off[self._hinges] = scale[:, None] * across
+        off[self._aligned] = scale[:, None] * across
         return off
 
 

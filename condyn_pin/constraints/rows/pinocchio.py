@@ -21,9 +21,10 @@ T is made of analytic functions of q: zero at a place of no special choice, zero
 
 Both are exact where the loop is closed (`condyn_pin.dynamics.proof` has the others).
 
-A planar pin in space, a slider, a rod, a plane, a coupling, a blade and what rolls have no
-equivalent: three rows of a point, or six of a frame, hold more than they do. A rod is one of them:
-the two rows across it could only be given back by joints of bodies without mass, which have no M.
+A planar pin in space, a slider, a cylindrical or universal joint, a rod, a plane, a coupling, a
+blade and what rolls have no equivalent: three rows of a point, or six of a frame, hold more than
+they do. A rod is one of them: the two rows across it could only be given back by joints of bodies
+without mass, which have no M.
 """
 
 from __future__ import annotations
