@@ -124,12 +124,14 @@ def test_force_and_opposite_do_the_work_of_the_rows(label):
 
 
 @pytest.mark.values
-@pytest.mark.parametrize("kind", ["ball", "weld", "hinge", "slider", "planar", "rod"])
+@pytest.mark.parametrize(
+    "kind", ["ball", "weld", "hinge", "slider", "cylindrical", "planar", "universal", "rod"]
+)
 @pytest.mark.parametrize("order", [("one_corner", "two_corner"), ("two_corner", "one_corner")])
 def test_newtons_third_law(kind, order):
     """Force and opposite, with their moments about the origin of the world, are nothing."""
     length = 0.8 if kind == "rod" else None
-    axis = axis_of(kind)
+    axis = "xz" if kind == "universal" else axis_of(kind)
     scene = cp.Scene(two_boxes(), [cp.Loop(*order, kind, axis, length, name="it")])
     rng = np.random.default_rng(0)
     q, v = scene.sample(rng, spread=0.5)

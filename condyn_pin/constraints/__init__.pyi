@@ -21,6 +21,7 @@ from .held_joint import HeldJoint as HeldJoint
 from .knife_edge import KnifeEdge as KnifeEdge
 from .line_contact import LineContact as LineContact
 from .loop import Loop as Loop
+from .own_rows import OwnRows as OwnRows
 from .path import MinimumJerk as MinimumJerk
 from .path import Path as Path
 from .path import Polynomial as Polynomial

@@ -39,7 +39,7 @@ class Driven(Constraint):
         - `Loop`, rod: its length is `length` - s: a hydraulic cylinder;
         - `KnifeEdge`, `RollingWheel`, `RollingBall`: A v = s': the floor is a belt. Of s only the
           rate is used;
-        - a `FrameRelation` that you write.
+        - `OwnRows`, and a `FrameRelation` that you write.
     along : Path or callable
         The path, t -> (s, s', s'') [m, rad and per second]: `Sine`, `Polynomial`, `minimum_jerk`,
         or any function that returns the three. Only a `Path` can be written to a file.

@@ -16,18 +16,13 @@ the axes of c1. All else follows: J, gamma, wrenches, and the partial derivative
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import Final
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint import BetweenFrames, Machine
-from condyn_pin.constraints.rows.special import BoundRelation
-
-# Step of the differences of W' [m and rad], and their weights: they are off by h^4 and by eps / h.
-_STEP: Final = 1e-3
-_STENCIL: Final = ((-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))
+from condyn_pin.constraints.rows.special import STENCIL, STEP, BoundRelation
 
 
 class FrameRelation(BetweenFrames, ABC):
@@ -54,10 +49,10 @@ class FrameRelation(BetweenFrames, ABC):
         By fourth-order differences, which leave 1e-12 of it; derivatives of answers ask for it.
         """
         found = np.zeros((6, self.rows, 6))
-        for i, d in enumerate(_STEP * np.eye(6)):
-            for k, share in _STENCIL:
+        for i, d in enumerate(STEP * np.eye(6)):
+            for k, share in STENCIL:
                 turned = pin.exp3(-k * d[3:]) @ R
-                found[i] += share / _STEP * self.weights_rate(turned, r - k * d[:3], s)
+                found[i] += share / STEP * self.weights_rate(turned, r - k * d[:3], s)
         return found
 
     @property

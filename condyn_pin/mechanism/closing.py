@@ -274,7 +274,8 @@ def with_anchors(scene: Scene, q: Array, places: MutableMapping[Constraint, Cons
     pairs = zip(scene.constraints, scene.bounds, frames, strict=True)
     for constraint, bound, frame in pairs:
         if constraint not in places:
-            places[constraint] = constraint if bound.anchored else constraint.anchored_at(*frame)
+            stays = bound.anchored or frame is None
+            places[constraint] = constraint if stays else constraint.anchored_at(*frame)
     placed = replace(scene, constraints=tuple(places[c] for c in scene.constraints))
     # J, and all that was measured with it, is the same where the contacts touch
     vars(placed)["nominal"] = scene.nominal

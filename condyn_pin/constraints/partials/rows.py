@@ -36,6 +36,7 @@ from condyn_pin.constraints.rows.frames import AXES, ONE, ROWS, PointEnds, rows_
 from condyn_pin.constraints.rows.special import (
     FLAT,
     BoundCoupling,
+    BoundOwn,
     BoundRelation,
     BoundRolling,
     skews,
@@ -57,8 +58,10 @@ class ConstraintPartials:
         self._rolling = RollingPartials(frames, bounds, drift)
         self._points = PointPartials(model, data, bounds, drift)
         self._couplings = [b for b in bounds if isinstance(b, BoundCoupling)]
+        self._own = [b for b in bounds if isinstance(b, BoundOwn)]
+        on_joints = self._couplings or self._own
         # what makes arrays for `write`: zeros where there are couplings, all other rows are written
-        self.make: Callable[[tuple[int, ...]], Array] = np.zeros if self._couplings else np.empty
+        self.make: Callable[[tuple[int, ...]], Array] = np.zeros if on_joints else np.empty
 
     def write(
         self, lam: Array, pulls: Array, by_state: Array, J: Array, ends: PointEnds | None = None
@@ -76,7 +79,7 @@ class ConstraintPartials:
     def write_couplings(
         self, state: tuple[Array, Array, Array, Array], rhs: Array, J: Array
     ) -> None:
-        """Write the rows of couplings at (q, v, a, lam), and the terms of bent ones in -r_q."""
+        """Write the rows on coordinates at (q, v, a, lam), and what bends of them in -r_q."""
         q, v, a, lam = state
         n = J.shape[1]
         by_state = rhs[n:]
@@ -93,12 +96,23 @@ class ConstraintPartials:
                 rhs[columns, columns] += lam[row] * second
                 by_state[row, columns] -= second * (a[columns] + Kd * v_i) + third * v_i**2
                 by_state[row, [n + column for column in columns]] -= 2.0 * second * v_i
+        for own in self._own:
+            J[own.rows], K = own.J(q), own.bend(q)
+            K_v = np.einsum("rij,i->rj", K, v)  # partials of J v
+            s_q, s_v = np.einsum("rij,i->rj", K, a) + own.gamma_q(q, v), K_v + K @ v
+            if drift := self._drift and (own.drift or self._drift):
+                s_q += drift.Kd * K_v + drift.Kp * own.anchored * J[own.rows]
+                s_v += drift.Kd * J[own.rows]
+            by_state[own.rows, :n], by_state[own.rows, n:] = -s_q, -s_v
+            rhs[:n, :n] += np.einsum("rij,r->ij", K, lam[own.rows])
 
     def turn_couplings(self, q: Array, w: Array, out: Array) -> None:
         """Write the partials (m, nv) of J w by q of couplings that bend."""
         for b in self._couplings:
             if b.bends:
                 out[b.rows.start, b.columns] = b.bent(q, 2) * w[b.columns]
+        for own in self._own:
+            out[own.rows] = np.einsum("rij,i->rj", own.bend(q), w)
 
     def turning(self, out: Array) -> None:
         """Write the partials (m, nv) of J v by q, but for couplings."""

@@ -32,7 +32,7 @@ from condyn_pin.constraints.path import along_at
 from condyn_pin.constraints.rows.bound import BoundConstraint, Terms, TwoFrameConstraint, length
 from condyn_pin.constraints.rows.frames import AXES, MOVING, Balls, CutJoints, Ends, PointEnds, Rods
 from condyn_pin.constraints.rows.groups import Groups, sorted_by_rows
-from condyn_pin.constraints.rows.special import BoundCoupling, Rolling
+from condyn_pin.constraints.rows.special import BoundCoupling, BoundOwn, Rolling
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
@@ -416,6 +416,7 @@ class Cancellation:
         self._model, self._data = model, data
         self._couplings = np.zeros((sum(b.size for b in bounds), model.nv))
         self._bent: list[BoundCoupling] = []
+        self._own: list[BoundOwn] = []
         self._ends: list[tuple[int, Any]] = []  # joint and placement of those that move
         self._arms: list[TwoFrameConstraint | None] = []  # what has an arm from c1 to c2
         self._shares = np.zeros((len(self._couplings), 2, 1))  # of shifts and of turns in each row
@@ -425,6 +426,9 @@ class Cancellation:
             if isinstance(b, BoundCoupling):
                 self._couplings[b.rows, b.columns] = np.abs(b.weights)
                 self._bent += [b] if b.bends else []
+                continue
+            if isinstance(b, BoundOwn):
+                self._own.append(b)
                 continue
             assert isinstance(b, TwoFrameConstraint)
             turns = b.turns(model)
@@ -450,6 +454,8 @@ class Cancellation:
         model, data, found = self._model, self._data, self._couplings.copy()
         for curve in self._bent:
             found[curve.rows, curve.columns] += np.abs(curve.bent(q, 1))
+        for own in self._own:
+            found[own.rows] = np.abs(own.J(q))
         algorithms(data).computeJointJacobians(model, data, q)
         if not self._ends:
             return found

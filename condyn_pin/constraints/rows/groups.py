@@ -37,10 +37,10 @@ from condyn_pin.constraints.rows.frames import (
     rows_of,
 )
 from condyn_pin.constraints.rows.special import (
-    BoundCoupling,
     BoundRelation,
     BoundRolling,
     Couplings,
+    OnCoordinates,
     Relations,
     Rolling,
 )
@@ -56,7 +56,7 @@ class Sorted(NamedTuple):
     rods: list[Bound]
     rolled: list[BoundRolling]
     related: list[BoundRelation]
-    coupled: list[BoundCoupling]
+    coupled: list[OnCoordinates]
 
 
 def sorted_by_rows(bounds: Sequence[BoundConstraint]) -> Sorted:
@@ -71,7 +71,7 @@ def sorted_by_rows(bounds: Sequence[BoundConstraint]) -> Sorted:
         rods=[b for b in loops if b.is_rod],
         rolled=[b for b in bounds if isinstance(b, BoundRolling)],
         related=[b for b in bounds if isinstance(b, BoundRelation)],
-        coupled=[b for b in bounds if isinstance(b, BoundCoupling)],
+        coupled=[b for b in bounds if isinstance(b, OnCoordinates)],
     )
 
 

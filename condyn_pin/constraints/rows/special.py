@@ -9,16 +9,17 @@ Relations: rows that a kind writes itself as W s, with s the six relative veloci
 
 from __future__ import annotations
 
+from abc import ABC
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal, Protocol
+from typing import Any, Final, Literal, Protocol, Self
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import lengths
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.rows.bound import (
@@ -41,6 +42,10 @@ from condyn_pin.constraints.rows.frames import (
     rows_of,
 )
 from condyn_pin.errors import InvalidArgument
+
+# Step of differences of rows [m and rad], and their weights: they are off by h^4 and by eps / h.
+STEP: Final = 1e-3
+STENCIL: Final = ((-2.0, 1.0 / 12.0), (-1.0, -2.0 / 3.0), (1.0, 2.0 / 3.0), (2.0, -1.0 / 12.0))
 
 
 class Relation(Protocol):
@@ -211,6 +216,31 @@ class Relations:
             J[b.rows] = W @ np.vstack([linear, J1[3:] - R @ J2[3:]])
 
 
+class OnCoordinates(BoundConstraint, ABC):
+    """Rows of the coordinates, between no frames; their forces act along joints."""
+
+    @property
+    def is_scalar(self) -> bool:
+        """True: the force acts along joints."""
+        return True
+
+    def moved(self, joints: Sequence[int]) -> Self:
+        """Constraint as it is: joint numbers do not change its columns."""
+        return self
+
+    def ends(self, oMi: Any) -> None:
+        """None: there are no frames."""
+        return
+
+    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
+        """Raise: the force acts along joints."""
+        raise InvalidArgument(f"{self.name}: it acts along joints, at no point")
+
+    def end(self, frame: str) -> Literal[1, 2]:
+        """Raise: there are no frames."""
+        raise InvalidArgument(f"name = {self.name!r}: it has no frames")
+
+
 # Couplings: rows of joint coordinates, linear but for what bends them.
 #
 # c = sum w_i q_i + sum p_i(q_i) - offset,    p_i(x) = k_2 x^2 + k_3 x^3 + ... J = w_i + p_i',    J
@@ -218,7 +248,7 @@ class Relations:
 
 
 @dataclass(frozen=True)
-class BoundCoupling(BoundConstraint):
+class BoundCoupling(OnCoordinates):
     """Row of joint coordinates, bound."""
 
     name: str
@@ -257,11 +287,6 @@ class BoundCoupling(BoundConstraint):
         """Name of the constraint."""
         return (f"{self.name}.{'joint' if self.is_alone else 'ratio'}",)
 
-    @property
-    def is_scalar(self) -> bool:
-        """True: the force acts along joints."""
-        return True
-
     def compiled(self) -> CompiledRows | None:
         """Row in the format of the compiled core: q_a - ratio q_b, or one joint alone."""
         if self.bends or self.weights[0] != 1.0 or len(self.weights) > 2:
@@ -270,21 +295,9 @@ class BoundCoupling(BoundConstraint):
         ratio = 0.0 if self.is_alone else -self.weights[1]
         return CompiledRows(COUPLING, self.rows, places=places, length=ratio, offset=self.offset)
 
-    def moved(self, joints: Sequence[int]) -> BoundCoupling:
-        """Coupling as it is: joint numbers do not change its columns."""
-        return self
-
-    def ends(self, oMi: Any) -> None:
-        """None: a coupling has no frames."""
-        return
-
     def force(self, lam: Array, ends: Callable[[], tuple[Any, Any]]) -> Array:
         """Force along the coordinate of the first joint."""
         return self.weights[0] * lam
-
-    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
-        """Raise: the force acts along joints."""
-        raise InvalidArgument(f"{self.name}: a coupling acts along joints, at no point")
 
     def reaction(self, *, on_first: bool) -> float:
         """Ratio of the coupling: both forces do the same work."""
@@ -304,10 +317,6 @@ class BoundCoupling(BoundConstraint):
         joint = next(j for j in model.joints if j.idx_v <= iv < j.idx_v + j.nv)
         return np.array([not lengths(joint)[iv - int(joint.idx_v)]])
 
-    def end(self, frame: str) -> Literal[1, 2]:
-        """Raise: a coupling has no frames."""
-        raise InvalidArgument(f"name = {self.name!r}: a coupling has no frames")
-
     def yields(
         self,
         body: Callable[[int], Array],
@@ -317,10 +326,119 @@ class BoundCoupling(BoundConstraint):
         return columns(self.columns)
 
 
-class Couplings:
-    """All couplings of one scene."""
+# Rows of functions that a user writes, of the whole q:
+#
+#     J v = 0,    J a + gamma,    gamma = J' v,    J' = sum over i of K_i v_i,    K_i = dJ/dq_i
+#
+# J' is the user's or, like the partials of gamma, by differences of fourth order along moves of
+# unit size, off by 1e-12 of them. Where J' comes from differences too, the partials of gamma are
+# differences of differences, off by 1e-9.
 
-    def __init__(self, bounds: Sequence[BoundCoupling], nv: int) -> None:
+
+@dataclass(frozen=True)
+class BoundOwn(OnCoordinates):
+    """Rows of functions, bound to a model whose q they read.
+
+    Attributes
+    ----------
+    jacobian : callable
+        J (size, nv) at q.
+    violation : callable or None
+        c (size,) at q; None for rows on the velocity alone.
+    rate : callable or None
+        J' (size, nv) at (q, v).
+    are_angles : bool
+    """
+
+    name: str
+    rows: slice
+    model: Any
+    jacobian: Callable[[Array], ArrayLike]
+    violation: Callable[[Array], ArrayLike] | None
+    rate: Callable[[Array, Array], ArrayLike] | None
+    are_angles: bool
+    anchored: bool
+    sign: float = 1.0
+    drive: Drive | None = None
+    drift: Baumgarte | None = None
+
+    @property
+    def row_names(self) -> tuple[str, ...]:
+        """Name of the constraint and number of the row."""
+        return tuple(f"{self.name}.{i + 1}" for i in range(self.size))
+
+    def c(self, q: Array) -> Array:
+        """Violation c (size,); zero of rows on the velocity."""
+        if self.violation is None:
+            return np.zeros(self.size)
+        return self._checked("violation(q)", self.violation(q.copy()), (self.size,))
+
+    def J(self, q: Array) -> Array:
+        """Jacobian J (size, nv)."""
+        return self._checked("jacobian(q)", self.jacobian(q.copy()), (self.size, self.model.nv))
+
+    def J_rate(self, q: Array, v: Array) -> Array:
+        """Rate J' (size, nv) of J while q moves by v."""
+        if self.rate is None:
+            return self.along(self.J, q, v)
+        found = self.rate(q.copy(), v.copy())
+        return self._checked("rate(q, v)", found, (self.size, self.model.nv))
+
+    def gamma(self, q: Array, v: Array) -> Array:
+        """Drift J' v (size,)."""
+        return np.asarray(self.J_rate(q, v) @ v)
+
+    def bend(self, q: Array) -> Array:
+        """Partials K (size, nv, nv) of J by q: the last index is that of the move."""
+        return np.stack([self.J_rate(q, e) for e in np.eye(self.model.nv)], axis=-1)
+
+    def gamma_q(self, q: Array, v: Array) -> Array:
+        """Partials (size, nv) of gamma by q."""
+        moves = np.eye(self.model.nv)
+        by = [self.along(lambda at: self.gamma(at, v), q, e) for e in moves]
+        return np.stack(by, axis=-1)
+
+    def along(self, f: Callable[[Array], Array], q: Array, v: Array) -> Array:
+        """Derivative of a function of q along v."""
+        size = float(np.abs(v).max(initial=0.0))
+        unit = v / size if size else v
+        return sum(
+            (size * w / STEP * f(pin.integrate(self.model, q, k * STEP * unit))) for k, w in STENCIL
+        )  # type: ignore[return-value]
+
+    def _checked(self, what: str, found: Any, shape: tuple[int, ...]) -> Array:
+        """Result of a function of the user as an array, or InvalidArgument."""
+        return finite(f"{self.name}: {what}", found, shape)
+
+    def turns(self, model: Any) -> NDArray[np.bool_]:
+        """Flag of each row: angle, or else length."""
+        return np.full(self.size, self.are_angles)
+
+    def reaction(self, *, on_first: bool) -> float:
+        """Raise: the force acts on all coordinates."""
+        raise InvalidArgument(
+            f"{self.name}: it acts on all coordinates; generalized() has the force on each"
+        )
+
+    def yields(
+        self,
+        body: Callable[[int], Array],
+        columns: Callable[[Sequence[int]], float | Array],
+    ) -> Any:
+        """Raise: MuJoCo has no such rows."""
+        raise InvalidArgument(
+            f"{self.name}: MuJoCo has no rows of functions, so that Soft has no stiffness for "
+            "them; choose another solver"
+        )
+
+
+class Couplings:
+    """All couplings of one scene, and rows of functions."""
+
+    def __init__(self, on_coordinates: Sequence[OnCoordinates], nv: int) -> None:
+        bounds = [b for b in on_coordinates if isinstance(b, BoundCoupling)]
+        own = [b for b in on_coordinates if isinstance(b, BoundOwn)]
+        self._own = [(b, np.zeros((b.size, nv))) for b in own]
         self._rows = np.array([b.rows.start for b in bounds], dtype=np.int_)
         self._offset = np.array([b.offset for b in bounds])
         self._bent = [(k, b) for k, b in enumerate(bounds) if b.bends]
@@ -342,14 +460,22 @@ class Couplings:
         acceleration[self._rows] = self._J.dot(a)
         for k, b in self._bent:
             acceleration[self._rows[k]] += b.bent(q, 2).dot(v[b.columns] ** 2)
+        for own, J in self._own:
+            c[own.rows], J[:] = own.c(q), own.J(q)
+            velocity[own.rows], acceleration[own.rows] = J @ v, J @ a + own.gamma(q, v)
 
     def torque(self, lam: Array) -> Array:
         """Return J^T lam (nv,) of these rows, at the last evaluation."""
-        return np.asarray(self._J.T.dot(lam[self._rows]))
+        found = np.asarray(self._J.T.dot(lam[self._rows]))
+        for own, J in self._own:
+            found += J.T @ lam[own.rows]
+        return found
 
     def jacobian(self, J: Array) -> None:
         """Write these rows into J (m, nv), at the last evaluation."""
         J[self._rows] = self._J
+        for own, its in self._own:
+            J[own.rows] = its
 
 
 # Rolling: the lowest point of a wheel or of a ball has no velocity.
