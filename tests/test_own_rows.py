@@ -32,6 +32,7 @@ class Rod:
 
     def __init__(self, model: pin.Model) -> None:
         self.model, self.data, self.tip = model, model.createData(), model.getFrameId("tip")
+        self.row = np.zeros((1, model.nv))
 
     def c(self, q):
         pin.framesForwardKinematics(self.model, self.data, q)
@@ -41,7 +42,8 @@ class Rod:
         axes = pin.LOCAL_WORLD_ALIGNED
         six = pin.computeFrameJacobian(self.model, self.data, q, self.tip, axes)
         p = self.data.oMf[self.tip].translation
-        return (p / np.linalg.norm(p) @ six[:3])[None]
+        self.row[:] = p / np.linalg.norm(p) @ six[:3]
+        return self.row  # overwritten by the next call
 
 
 @pytest.fixture(scope="module")

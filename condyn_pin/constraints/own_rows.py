@@ -16,7 +16,9 @@ from condyn_pin.constraints.constraint import Constraint, Machine, text
 from condyn_pin.constraints.rows.special import BoundOwn
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 
-_OFF: Final = 1e-6  # of the rate of c by differences, relative to the sizes of J v
+# Differences of functions that bend over 1e-2 rad are off by less, relative to J and J'.
+_OFF: Final = 1e-4
+_ROUNDING: Final = 1e-9  # of c, in its rate by differences
 
 
 @dataclass(frozen=True)
@@ -35,8 +37,8 @@ class OwnRows(Constraint):
         q -> c (rows,) [m or rad], whose rate is J v; without it the rows are on the velocity alone.
     rate : callable, optional
         (q, v) -> J' (rows, nv), the rate of J while q moves by v, linear in v. By default by
-        differences of `jacobian`, off by 1e-12 of its size; derivatives of answers are then
-        differences of differences, off by 1e-9.
+        differences of `jacobian`, off by 1e-12 of its size where it bends over 1 rad or m;
+        derivatives of answers are then differences of differences, off by 1e-9.
     turns : bool
         Whether the rows are angles [rad], not lengths [m].
     name : str
@@ -90,7 +92,8 @@ class OwnRows(Constraint):
         at = pin.integrate(model, pin.neutral(model), 0.1 * rng.uniform(-1.0, 1.0, model.nv))
         v = rng.uniform(-1.0, 1.0, model.nv)
         J, rate = bound.J(at), bound.J_rate(at, v)
-        least = _OFF * np.abs(J).max(initial=0.0)
+        least = _OFF * max(np.abs(J).max(), np.abs(rate).max())
+        least += _ROUNDING * np.abs(bound.c(at)).max()
         if self.violation and (off := np.abs(bound.along(bound.c, at, v) - J @ v).max()) > least:
             raise InvalidArgument(
                 f"{self.name}: jacobian(q) v is off the rate of violation(q) by {off:.3g}; columns "

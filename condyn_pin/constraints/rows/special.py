@@ -408,7 +408,8 @@ class BoundOwn(OnCoordinates):
 
     def _checked(self, what: str, found: Any, shape: tuple[int, ...]) -> Array:
         """Result of a function of the user as an array, or InvalidArgument."""
-        return finite(f"{self.name}: {what}", found, shape)
+        # a copy: it may be memory that the next call overwrites
+        return np.array(finite(f"{self.name}: {what}", found, shape))
 
     def turns(self, model: Any) -> NDArray[np.bool_]:
         """Flag of each row: angle, or else length."""
