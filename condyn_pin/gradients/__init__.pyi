@@ -1,5 +1,11 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
+from .identification import Fit as Fit
+from .identification import FitStatus as FitStatus
+from .identification import fit as fit
+from .logs import Log as Log
+from .logs import PoseLog as PoseLog
+from .logs import TorqueLog as TorqueLog
 from .routes import ROUTES as ROUTES
 from .routes import Route as Route
 from .routes.active_set import ActiveSet as ActiveSet
