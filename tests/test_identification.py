@@ -11,8 +11,8 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.errors import UnknownName
-from condyn_pin.gradients import Fit, FitStatus, PoseLog, TorqueLog, fit
+from condyn_pin.errors import InvalidArgument, UnknownName
+from condyn_pin.gradients import FitStatus, PoseLog, TorqueLog, fit
 
 SEEDS = range(100, 120)
 
@@ -104,7 +104,7 @@ def stewart() -> Problem:
     shifts = {loop.name: 2e-3 * rng.normal(size=3) for loop in its.loops}
     true = moved(scene, shifts)
     legs = [f"leg{k}" for k in range(1, 7)]
-    Q = [true.sample(rng, spread=0.15)[0] for _ in range(12)]
+    Q = [true.sample(rng, spread=0.15)[0] for _ in range(9)]
     lengths = {leg: np.array([q[its.index_q(leg)] for q in Q]) for leg in legs}
     poses = np.array([pin.SE3ToXYZQUAT(its.frame_pose(q, "platform_centre")) for q in Q])
 
@@ -151,3 +151,189 @@ def test_with_noise_standard_errors_and_intervals_are_as_large_as_the_errors(pro
     assert 0.85 <= np.mean(inside) <= 1.0
     assert np.mean(np.abs(scores) > 3.0) <= 0.01, scores  # of 60 none, of 300 three
     assert 0.7 < scores.std() < 1.3
+
+
+# What slides and what sticks.
+
+
+def pushed_box(count: int = 12) -> tuple[cp.Scene, TorqueLog, np.ndarray]:
+    """A box of 2 kg that slides on a floor of friction 0.35, by hand: m a = F - mu m g v / |v|."""
+    its, m, mu, g = cp.model.free_box(), 2.0, 0.35, 9.81
+    rng = np.random.default_rng(1)
+    v, a, tau = np.zeros((3, count, 6))
+    v[:, :2] = rng.uniform(0.3, 1.0, (count, 2))
+    tau[:, :2] = rng.normal(size=(count, 2))
+    slip = v[:, :2] / np.linalg.norm(v[:, :2], axis=1)[:, None]
+    a[:, :2] = tau[:, :2] / m - mu * g * slip
+    q = np.tile(its.configuration({"floating": [0, 0, 0.1, 0, 0, 0, 1]}), (count, 1))
+    floor = cp.FrictionalContact("box", cp.constraints.Box(0.1, 0.1, 0.1), friction=0.6)
+    return cp.Scene(its, contacts=[floor]), TorqueLog(q, v, a, tau), np.array([mu, m])
+
+
+def test_a_sliding_contact_has_the_friction_that_stops_it():
+    scene, log, wanted = pushed_box()
+    found = fit(scene, log, ["box/friction", "floating/mass"])
+    np.testing.assert_allclose(found.estimate, wanted, rtol=1e-8)
+    assert found.scene.contacts[0].friction == found.estimate[0]
+    assert found.scene.robot.mass == found.estimate[1]
+
+
+def test_a_contact_that_sticks_says_nothing_of_its_friction():
+    scene, log, _ = pushed_box()
+    still = replace(log, v=np.zeros((12, 6)), a=np.zeros((12, 6)))
+    found = fit(scene, still, ["box/friction"])
+    assert found.status is FitStatus.NOT_IDENTIFIABLE
+    assert found.undetermined == ("box/friction",)
+    assert found.estimate[0] == 0.6
+    assert found.standard_error[0] == np.inf
+
+
+def test_a_joint_that_sticks_has_an_unknown_friction():
+    """Samples at rest, with any torque below the friction, change nothing."""
+    scene, wanted, log = solo()
+    its, friction = scene.robot, scene.contacts[0]
+    moving = log(None)
+    still, held = moving.v.copy(), moving.tau.copy()
+    i = its.index_v(friction.joint)
+    still[:10] = 0.0
+    for k in range(10):
+        held[k] = 0.0
+        held[k, i] = 0.05
+    a = moving.a.copy()
+    heavy = fit(scene, moving, list(wanted)).scene
+    for k in range(10):
+        free = cp.solve(heavy.bilateral, moving.q[k], still[k], np.zeros(its.nv))
+        a[k] = free.a
+    found = fit(scene, TorqueLog(moving.q, still, a, held), list(wanted))
+    np.testing.assert_allclose(found.estimate, list(wanted.values()), rtol=1e-8)
+
+
+# What a log leaves open.
+
+
+def test_dampings_of_joints_that_turn_together_are_a_combination():
+    its = cp.model.parallelogram()
+    true = damped(its, {"crank_pivot": 0.1, "rocker_pivot": 0.2})
+    q, v, a, tau = motion(
+        cp.Scene(true, true.loops), lambda rng: rng.normal(size=3), 20, spread=0.3, speed=2.0
+    )
+    names = ["crank_pivot/damping", "coupler_pivot/damping", "rocker_pivot/damping"]
+    found = fit(cp.Scene(its, its.loops), TorqueLog(q, v, a, tau), names)
+    assert found.status is FitStatus.NOT_IDENTIFIABLE
+    assert not found.status.ok
+    assert len(found.undetermined) == 2  # the coupler only shifts: its pivot turns with the crank
+    assert all("damping - 1 " in each or "damping + 1 " in each for each in found.undetermined)
+    assert (found.standard_error == np.inf).all()
+    assert found.estimate.sum() == pytest.approx(0.3, abs=1e-8)
+    assert "not determined: " in str(found)
+    alone = fit(cp.Scene(its, its.loops), TorqueLog(q, v, a, tau), names[:1])
+    assert alone.status.ok
+    assert alone.estimate == pytest.approx([0.3], abs=1e-8)
+
+
+# Bounds, losses, and where joints are.
+
+
+def test_friction_does_not_get_negative():
+    scene, log, _ = pushed_box()
+    found = fit(scene, replace(log, a=-log.a), ["box/friction"])  # it speeds up as it slides
+    assert found.status.ok
+    assert found.at_bounds == ("box/friction",)
+    assert 0.0 <= found.estimate[0] < 1e-8
+    assert "at its bound: box/friction" in str(found)
+
+
+def test_outliers_count_less_with_another_loss():
+    scene, wanted, log = four_bar()
+    noisy = log(np.random.default_rng(0))
+    tau = noisy.tau.copy()
+    tau[::10, 0] += 20.0
+    spoilt = replace(noisy, tau=tau)
+    plain, robust = (fit(scene, spoilt, list(wanted), loss=loss) for loss in ("linear", "cauchy"))
+    true = np.array(list(wanted.values()))
+    off = [np.abs(each.estimate / true - 1.0).max() for each in (plain, robust)]
+    assert off[1] < 0.1 * off[0]
+    assert (np.abs(robust.estimate - true) < 4.0 * robust.standard_error).all()
+    assert (robust.standard_error < 0.1 * plain.standard_error).all()
+
+
+def test_places_of_joints_and_centres_of_mass():
+    its = robot("four_bar")
+    model = pin.Model(its.model)
+    rocker = model.getJointId("rocker")
+    model.jointPlacements[rocker].translation = its.model.jointPlacements[
+        rocker
+    ].translation + np.array([0.004, 0.0, 0.002])
+    true = cp.Scene(replace(its, model=model), its.loops)
+    rng = np.random.default_rng(2)
+    Q = np.array([true.sample(rng, spread=0.4)[0] for _ in range(10)])
+    log = PoseLog({"crank": Q[:, 0], "coupler": Q[:, 1], "rocker": Q[:, 2]})
+    names = ["rocker/place.x", "rocker/mass", "rocker/place.z"]
+    found = fit(cp.Scene(its, its.loops), log, names)
+    assert found.undetermined == ("rocker/mass",)
+    np.testing.assert_array_equal(np.isfinite(found.standard_error), [True, False, True])
+    wanted = model.jointPlacements[rocker].translation[[0, 2]]
+    np.testing.assert_allclose(found.estimate[[0, 2]], wanted, atol=1e-8)
+
+    body = model.inertias[rocker]
+    model.inertias[rocker] = pin.Inertia(body.mass, body.lever + 0.03 * np.eye(3)[0], body.inertia)
+    heavy = cp.Scene(replace(its, model=model), its.loops)
+    q, v, a, tau = motion(heavy, lambda rng: rng.normal(size=3), 20, spread=0.4, speed=2.0)
+    start = cp.Scene(found.scene.robot, its.loops)
+    again = fit(start, TorqueLog(q, v, a, tau), ["rocker/centre.x"])
+    np.testing.assert_allclose(again.estimate, model.inertias[rocker].lever[0], rtol=1e-8)
+
+
+def test_a_fit_that_is_cut_short_is_not_ok():
+    scene, wanted, log = four_bar()
+    found = fit(scene, log(None), list(wanted), iterations=1)
+    assert found.status is FitStatus.OUT_OF_ITERATIONS
+    assert not found.status.ok
+
+
+def test_the_table_has_a_line_for_each_parameter():
+    scene, log, _ = pushed_box()
+    lines = str(fit(scene, log, ["box/friction", "floating/mass"])).splitlines()
+    assert lines[0].startswith("converged: ")
+    assert [line.split()[0] for line in lines[1:]] == ["parameter", "box/friction", "floating/mass"]
+    assert float(lines[2].split()[1]) == pytest.approx(0.35, abs=1e-6)
+
+
+# Bad input.
+
+BOX, LOG, _ = pushed_box()
+LEG = {"leg1": np.zeros(3)}
+BAR = cp.Scene(robot("four_bar"), robot("four_bar").loops)
+ONCE = PoseLog({joint: BAR.state()[0][i : i + 1] for i, joint in enumerate(BAR.robot.joints)})
+
+
+@pytest.mark.parametrize(
+    ("call", "error", "text"),
+    [
+        (lambda: fit(BOX, LOG, "box/friction"), InvalidArgument, "a list of names"),
+        (lambda: fit(BOX, LOG, []), InvalidArgument, "a list of names"),
+        (lambda: fit(BOX, LOG, ["box/friction"] * 2), InvalidArgument, "each name once"),
+        (lambda: fit(BOX, LOG, ["box/fricton"]), UnknownName, "did you mean 'box/friction'"),
+        (lambda: fit(BOX, [1.0], ["box/friction"]), InvalidArgument, "TorqueLog or a PoseLog"),
+        (lambda: fit(BOX.robot, LOG, ["box/friction"]), InvalidArgument, "a Scene is needed"),
+        (lambda: fit(BOX, LOG, ["box/friction"], loss="l1"), InvalidArgument, "loss = 'l1'"),
+        (lambda: fit(BOX, LOG, ["box/friction"], iterations=0), InvalidArgument, "iterations"),
+        (lambda: fit(BOX, replace(LOG, tau=LOG.tau[:3]), ["box/friction"]),
+         InvalidArgument, "log.tau has 3 rows"),
+        (lambda: fit(BOX, replace(LOG, v=LOG.v[:, :5]), ["box/friction"]),
+         InvalidArgument, "log.v has shape"),
+        (lambda: replace(LOG, a=LOG.a * np.nan), InvalidArgument, "log.a.*finite"),
+        (lambda: replace(LOG, sigma=0.0), InvalidArgument, "log.sigma = .*positive"),
+        (lambda: replace(LOG, q=[0.1, 0.2]), InvalidArgument, "a row for each sample"),
+        (lambda: PoseLog(), InvalidArgument, "name what was measured"),
+        (lambda: PoseLog(LEG, {"platform": np.zeros((2, 3))}), InvalidArgument, "samples of each"),
+        (lambda: PoseLog({}, {"platform": np.zeros((2, 7))}), InvalidArgument, "unit quaternion"),
+        (lambda: PoseLog(LEG, sigma={"leg2": 1.0}), UnknownName, "did you mean 'leg1'"),
+        (lambda: fit(BAR, ONCE, ["rocker/place.x", "rocker/place.z"]),
+         InvalidArgument, "log more samples"),
+        (lambda: fit(BOX, LOG, ["box/friction"]).interval(1.0), InvalidArgument, "between 0 and 1"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_named(call, error, text):
+    with pytest.raises(error, match=text):
+        call()

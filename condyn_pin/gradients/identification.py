@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from math import nan
 from statistics import NormalDist
 from typing import Final, Literal, NamedTuple, get_args
 
@@ -44,7 +45,7 @@ _LOSSES: Final[dict[str, tuple[Callable[[Array], Array], Callable[[Array], Array
     "cauchy": (lambda r: r / (1.0 + r**2), lambda r: (1.0 - r**2) / (1.0 + r**2) ** 2),
 }
 
-_ENDED: Final = 1e-12  # relative step that ends a fit
+_ENDED: Final = 1e-12  # relative step, or fall of the sum, that ends a fit: 1e-6 standard errors
 _ROUNDS: Final = 3  # fits, each of the parameters that the end of the last one determines
 _NAMED: Final = 1e-6  # least part of a combination that is named, of its largest
 
@@ -80,7 +81,8 @@ class Fit:
         r of each sample over the noise that the log was given [1, or the unit of what was measured
         where its sigma is left at one]; the unknowns of each sample projected out.
     noise : float
-        s, the size of the noise over the sigma of the log, from the residuals [1].
+        s, the size of the noise over the sigma of the log, from the residuals [1]; NaN where none
+        are left, and no parameter is determined.
     dof : int
         Equations less unknowns and determined parameters: on how much `noise` rests.
     status : FitStatus
@@ -237,7 +239,7 @@ def fit(
                 problem.jacobian(whole(y))[0][:, free] / unit
             ),
             bounds=(lower * unit, upper * unit),
-            ftol=None, xtol=_ENDED, gtol=None, loss=loss, max_nfev=max(iterations - taken, 1),
+            ftol=_ENDED, xtol=_ENDED, gtol=None, loss=loss, max_nfev=max(iterations - taken, 1),
         )  # fmt: skip
         taken, ended = taken + ends.nfev, ends.status > 0
         p = whole(ends.x)
@@ -321,14 +323,14 @@ def _result(
 ) -> Fit:  # fmt: skip
     """Fit at parameters p."""
     free, dof = found.free, problem.log.dof - len(found.free)
-    if dof <= 0:
+    if dof <= 0 and len(free):
         raise InvalidArgument(
             f"log: {problem.log.dof} equations are left for {len(free)} parameters, and none to "
             "measure the noise by; log more samples, or fit fewer parameters"
         )
     r = problem.residuals
     psi, slope = (each(r) for each in _LOSSES[loss])
-    s = float(np.sqrt((psi**2).sum() / dof) / slope.mean())
+    s = float(np.sqrt((psi**2).sum() / dof) / slope.mean()) if dof else nan
     covariance = np.full((len(p), len(p)), np.nan)
     R = np.linalg.qr(J[:, free] / sizes[free], mode="r")
     root = np.linalg.solve(R, np.eye(len(free))) * s / sizes[free][:, None]

@@ -59,8 +59,8 @@ class _Draft:
             "spring_dampers": list(scene.robot.spring_dampers),
             "constraints": list(scene.constraints),
             "contacts": [
-                replace(each, torque=bound.dry[0].limit) if isinstance(each, JointFriction) else each
-                for each, bound in zip(scene.contacts, scene.contact_bounds, strict=True)
+                replace(c, torque=bound.dry[0].limit) if isinstance(c, JointFriction) else c
+                for c, bound in zip(scene.contacts, scene.contact_bounds, strict=True)
             ],
         }
 
