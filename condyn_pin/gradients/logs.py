@@ -223,7 +223,7 @@ class PoseLog(Log):
         Noise of each by name, up to a common factor [rad, m]; of poses a pair, of position and
         rotation. One by default, metres beside radians.
     start : (nq,) array_like, optional
-        Configuration near all samples, on their branch; the first posture by default.
+        Configuration near all samples, on their branch [rad, m]; the first posture by default.
 
     Raises
     ------
