@@ -248,7 +248,8 @@ def test_mistakes_are_named() -> None:
     scene, task = cp.Scene(robot), FrameTask("tip", reference=[0.5, 0.5, 0.0])
     wrong: list[tuple[Any, dict[str, Any], str]] = [
         ([], {}, "targets: one at least"),
-        (task, {}, "put it in a list"),
+        (task, {}, "a list of tasks"),
+        (None, {}, "targets = None: a list of tasks"),
         ([ContactForce("foot", reference=[0.0, 0.0, 1.0])], {}, "a task with a position"),
         ([FrameTask("tip", weight=math.inf)], {}, "weight = inf"),
         ([FrameTask("tip", weight=0.0)], {}, "weight = 0"),

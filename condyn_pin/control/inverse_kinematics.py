@@ -281,8 +281,8 @@ def _bound(
     scene: Scene, targets: Sequence[Tracking], t: float
 ) -> dict[str, tuple[BoundTask, float]]:
     """Tasks at time t, bound to the scene, and their weights, by name."""
-    if isinstance(targets, Tracking):
-        raise InvalidArgument("targets: a sequence of tasks is needed; put it in a list")
+    if not isinstance(targets, Sequence):
+        raise InvalidArgument(f"targets = {text_of(targets)}: a list of tasks is needed")
     bound: dict[str, tuple[BoundTask, float]] = {}
     for i, task in enumerate(targets):
         if not isinstance(task, Tracking):
