@@ -24,13 +24,13 @@ import json
 import numpy as np
 import condyn_pin as cp
 from condyn_pin._core import blas_threads
-from condyn_pin._core.blas_threads import loaded, one_blas_thread
+from condyn_pin._core.blas_threads import blas_controllers, one_blas_thread
 from condyn_pin.dynamics.derivatives import METHODS
 
 def threads():
     return [library.get_num_threads() for library in libraries]
 
-libraries = loaded()
+libraries = blas_controllers()
 robot = cp.load_robot("cassie")
 scene = cp.Scene(robot, robot.loops)
 state = (*scene.sample(np.random.default_rng(0)), np.ones(robot.nv))
@@ -116,7 +116,7 @@ def test_workers_keep_to_one():
         """
         with cp.Processes(1) as pool:
             inside = pool.submit(eval, "[x.get_num_threads() for x in __import__("
-                                 "'condyn_pin._core.blas_threads')._core.blas_threads.loaded()]")
+                                 "'condyn_pin._core.blas_threads')._core.blas_threads.blas_controllers()]")
             print(json.dumps(inside.result()))
         """
     )

@@ -22,7 +22,6 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraint import BetweenFrames
 from condyn_pin.constraints.contacts.joint_friction import JointFriction
 from condyn_pin.constraints.places import short_frames
 from condyn_pin.dynamics.scene import Scene
@@ -87,8 +86,8 @@ class _Draft:
         owners = ((part, *each) for part in keys for each in enumerate(self.parts[part]))
         for at, i, owner in owners:
             for key in keys[at]:
-                ends = key in _PLACES and isinstance(owner, BetweenFrames)
-                if ends or isinstance(getattr(owner, key, None), int | float):
+                its = getattr(owner, key, None)
+                if isinstance(its, str if key in _PLACES else int | float):
                     yield from _along(_name_of(owner), _Parameter(at, i, key))
 
     def value(self, at: _Parameter) -> float:
