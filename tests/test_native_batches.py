@@ -67,16 +67,21 @@ def both(verb: Callable, *about: object, threads: int = 2, **how: object) -> tup
     return verb(*about, **how, executor=cp.Native(threads=threads)), verb(*about, **how)
 
 
-def left_to_python(scene: cp.Scene, states: tuple, solver: cp.dynamics.Solver | None = None):
-    """The states that the core does not answer."""
-    count, nv = len(states[0]), scene.robot.nv
+def by_core(workspace: cp.Workspace, states: tuple) -> tuple[dict, np.ndarray]:
+    """What the core answers, and the states that it does not."""
+    count, nv, rows = len(states[0]), workspace.scene.robot.nv, workspace.scene.rows
     outputs = {
-        "a": np.zeros((count, nv)), "lam": np.zeros((count, scene.rows)),
+        "a": np.zeros((count, nv)), "lam": np.zeros((count, rows)),
         "residuals": np.zeros((count, 5)), "statuses": np.zeros(count, np.int8),
         "iterations": np.zeros(count, np.int32), "solve_times": np.zeros(count),
     }  # fmt: skip
-    core = cp.Workspace(scene, solver).compiled
-    return core.solve(states, outputs, accuracy=None, threads=1)
+    left = workspace.compiled.solve(states, outputs, accuracy=None, threads=1)
+    return outputs, left
+
+
+def left_to_python(scene: cp.Scene, states: tuple, solver: cp.dynamics.Solver | None = None):
+    """The states that the core does not answer."""
+    return by_core(cp.Workspace(scene, solver), states)[1]
 
 
 def states_of(scene: cp.Scene, count: int = N, seed: int = 5) -> tuple[np.ndarray, ...]:
@@ -247,6 +252,8 @@ def test_rows_of_every_kind(label):
     """On the constraints, and off them where gains pull; driven rows at a time."""
     scene = scene_of(label)
     of_a, of_lam, of_slopes, of_gaps = 1e-10, 1e-9, 1e-8, 1e-12
+    if label == "one_joint_held":
+        of_slopes = 1e-9
     if label in DRIVEN:
         scene, (of_a, of_lam, of_slopes, of_gaps) = scene.at(AT), (1e-12, 1e-12, 1e-12, 1e-14)
     q, v, tau = states_of(scene)
@@ -256,7 +263,7 @@ def test_rows_of_every_kind(label):
     for state, drift in (((q, v, tau), None), (off, cp.Baumgarte(3.0, 20.0))):
         found, wanted = both(cp.solve_batch, scene, *state, drift=drift)
         assert_array_equal(found.statuses, wanted.statuses)
-        assert found.ok or drift
+        assert found.ok
         assert near(found.a, wanted.a, of_a)
         assert near(found.lam, wanted.lam, of_lam)
         assert near(found.violation, wanted.violation, of_gaps)
@@ -444,7 +451,7 @@ def assert_moved_alike(
     assert_array_equal(found.statuses, wanted.statuses)
     assert list(found.reasons) == list(wanted.reasons)
     assert_array_equal(found.t, wanted.t)
-    arrays = {"q": (found.q, wanted.q), "v": (found.v, wanted.v)}
+    arrays = {"q at the end": (found.q, wanted.q), "v at the end": (found.v, wanted.v)}
     if how.get("record"):
         of = found.samples.arrays
         arrays |= {name: (of[name], its) for name, its in wanted.samples.arrays.items()}
@@ -465,8 +472,8 @@ def within_of(label: str, drift: str) -> float:
 
 # Every scene moves by each kind of step; drift goes round, so that each meets every scene and step.
 MOVING = (
-    "cassie loops", "four_bar loops", "solo12 contacts", "four_bar rod", "rolling_disc contacts",
-    "crank", "four_bar loops, sprung",
+    "cassie loops", "solo12 contacts", "four_bar rod", "rolling_disc contacts", "crank",
+    "four_bar loops, sprung",
 )  # fmt: skip
 ROUND = [
     (label, steps, list(DRIFTS)[(i + k) % 4])
@@ -474,6 +481,7 @@ ROUND = [
     for k, steps in enumerate(STEPS)
 ]
 OTHERS = [
+    ("four_bar loops", "Runge-Kutta 4", "post"),  # by others: test_native.py
     ("unicycle contacts", "implicit midpoint", "Baumgarte"),
     ("unicycle contacts", "semi-implicit", "post"),
     ("talos on edges and planes", "semi-implicit", "Baumgarte"),  # anchored where they begin
@@ -577,22 +585,34 @@ def test_stiff_springs(label, steps):
     assert_allclose(found.v, wanted.v, rtol=0, atol=1e-7 * max(1.0, np.abs(wanted.v).max()))
 
 
-@pytest.mark.parametrize(
-    ("label", "parts"),
-    [("four_bar loops, sprung", ("springs", "damping")), ("chain", ("springs", "damping")),
-     ("crank", ("driven",))],
-)  # fmt: skip
-def test_energies_of_springs_dampers_and_drives(label, parts):
+@pytest.mark.parametrize("label", ["four_bar loops, sprung", "chain"])
+def test_energies_of_springs_and_dampers(label):
     scene = scene_of(label)
     q, v, tau = starts(scene, 2)
-    found, wanted = both(cp.simulate_batch, scene, q, v, tau, duration=0.2, dt=5e-4, record=1)
+    found, wanted = both(
+        cp.simulate_batch, scene, q, v, 10.0 * tau, duration=0.2, dt=5e-4, record=1
+    )
     assert_allclose(found.energy_error, wanted.energy_error, rtol=1e-5, atol=1e-10)
     for one, two in zip(found, wanted, strict=True):
+        assert np.ptp(two.energy.springs) > 0.1
+        assert two.energy.damping[-1] < -1e-3
         assert found.energy_error.max() < 1e-5 * two.energy.scale
-        for part in parts:
+        for part in ("springs", "damping"):
             mine, its = getattr(one.energy, part), getattr(two.energy, part)
-            assert np.ptp(its) > 1e-3
             assert_allclose(mine, its, rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("record", [None, 3])
+def test_energies_of_drives(record):
+    scene = scene_of("crank")
+    q, v = (x[None].repeat(3, axis=0) for x in scene.state())
+    found, wanted = both(cp.simulate_batch, scene, q, v, duration=0.5, dt=2e-3, record=record)
+    assert_allclose(found.energy_error, wanted.energy_error, rtol=1e-6, atol=1e-12)
+    if record:
+        energy = found[1].energy
+        assert np.ptp(energy.driven) > 0.1
+        assert np.abs(energy.error).max() == pytest.approx(found.energy_error[1], abs=1e-12)
+        assert_allclose(energy.driven, wanted[1].energy.driven, rtol=0, atol=1e-9)
 
 
 def test_motions_without_samples_are_measured():
@@ -652,7 +672,7 @@ def test_a_path_that_ends_on_the_way_ends_the_motion_as_in_python(path, said):
         assert said in wanted.reasons[0]
         assert list(found.reasons) == list(wanted.reasons)
         assert_array_equal(found.statuses, wanted.statuses)
-        assert_allclose(found.t, wanted.t, rtol=0, atol=1e-12)
+        assert_array_equal(found.t, wanted.t)
     assert cp.simulate_batch(scene, q, v, duration=8e-3, executor=cp.Native(threads=1)).ok
 
 
