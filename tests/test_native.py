@@ -668,7 +668,7 @@ def test_the_workspace_of_another_scene_has_another_core():
     assert workspace.compiled is not before
 
 
-def test_derivatives_by_the_core_are_of_the_state_and_the_scene_that_were_asked_about():
+def test_derivatives_by_the_core_are_of_the_state_and_the_scene_of_the_call():
     scene = scene_of("cassie loops")
     q, v, tau = (x[0].copy() for x in states_of(scene, 1))
     workspace = cp.Workspace(scene, native=True)
@@ -694,7 +694,7 @@ def test_an_empty_list_of_forces_is_no_forces_to_the_core(monkeypatch):
     scene = scene_of(SOLO)
     q, v, tau = (x[0] for x in states_of(scene, 1))
     workspace = cp.Workspace(scene, native=True)
-    monkeypatch.setattr(workspace, "_answered", None)  # of Python: it may not be asked
+    monkeypatch.setattr(workspace, "_answered", None)  # of Python: no call may come
     wanted, blocks = workspace.solve(q, v, tau), workspace.derivatives(q, v, tau)
     for none in ([], {}, np.zeros(0)):
         found = workspace.solve(q, v, tau, forces=none)

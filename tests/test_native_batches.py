@@ -657,7 +657,7 @@ def path_until(t_end: float, then: Callable) -> Callable:
     ids=["no number", "another shape", "an error", "out of reach"],
 )
 def test_a_path_that_ends_on_the_way_ends_the_motion_as_in_python(path, said):
-    """What it does after the end of a motion is nobody's affair."""
+    """After the end of a motion its values do not count."""
     open_ = cp.model.four_bar().postures["open"]
     joint, at = ("rocker", open_[2]) if said == "cannot follow" else ("crank", open_[0])
     scene = four_bar_along(joint, at, path)
@@ -678,17 +678,17 @@ def test_a_path_that_ends_on_the_way_ends_the_motion_as_in_python(path, said):
 
 def test_a_path_that_is_a_function_is_evaluated_on_the_grid_alone():
     """Once at each half step, however many motions and chunks of them there are."""
-    asked: list[float] = []
+    times: list[float] = []
 
     def along(t):
-        asked.append(t)
+        times.append(t)
         return 0.3 * np.sin(t), 0.3 * np.cos(t), -0.3 * np.sin(t)
 
     scene = four_bar_along("crank", cp.model.four_bar().postures["open"][0], along)
     q, v = (x[None].repeat(9, axis=0) for x in scene.state())
     how = {"duration": 0.02, "dt": 1e-3}
-    asked.clear()
+    times.clear()
     found = cp.simulate_batch(scene, q, v, **how, executor=cp.Native(threads=1), chunk=2)
-    late = [t for t in asked if t > 0.01]  # what checks a scene looks at its beginning
+    late = [t for t in times if t > 0.01]  # what checks a scene looks at its beginning
     assert np.array(sorted(late)) == pytest.approx(0.01 + 5e-4 * np.arange(1, 21), abs=1e-12)
     assert near(found.q, cp.simulate_batch(scene, q, v, **how).q, 1e-12)

@@ -111,33 +111,33 @@ def along(start: Start, duration: float) -> list[Start]:
 
 @contextmanager
 def by_python(monkeypatch: pytest.MonkeyPatch, owner: object, name: str) -> Iterator[list[object]]:
-    """What is asked of a function of Python."""
-    asked: list[object] = []
+    """Calls of a function of Python."""
+    calls: list[object] = []
     function = getattr(owner, name)
 
     def counted(*args: object, **kwargs: object) -> object:
-        asked.append(args)
+        calls.append(args)
         return function(*args, **kwargs)
 
     with monkeypatch.context() as held:
         held.setattr(owner, name, counted)
-        yield asked
+        yield calls
 
 
 def steps_of(group: Start, monkeypatch: pytest.MonkeyPatch, **how: object) -> tuple:
     """Steps by the core and by Python, and how many of the first are Python's too."""
     wanted = step_batch(*group, **(ABOUT | how))
-    with by_python(monkeypatch, steps, "step") as asked:
+    with by_python(monkeypatch, steps, "step") as calls:
         found = step_batch(*group, **(ABOUT | how), **CORE)
-    return found, wanted, len(asked)
+    return found, wanted, len(calls)
 
 
 def slopes_of(group: Start, monkeypatch: pytest.MonkeyPatch, **how: object) -> tuple:
     """Derivatives of steps, likewise."""
     wanted = step_derivatives_batch(*group, **(ABOUT | how))
-    with by_python(monkeypatch, slopes.DifferentiatedRows, "row") as asked:
+    with by_python(monkeypatch, slopes.DifferentiatedRows, "row") as calls:
         found = step_derivatives_batch(*group, **(ABOUT | how), **CORE)
-    return found, wanted, len(asked)
+    return found, wanted, len(calls)
 
 
 def assert_same_steps(
@@ -198,9 +198,9 @@ def assert_same_motions(
     first = slice(1 if scene.is_driven else None)
     wanted = cp.simulate_batch(scene, state[0][first], V[first], tau, **about)
     assert wanted.ok
-    with by_python(monkeypatch, motions.ContactSteps, "step") as asked:
+    with by_python(monkeypatch, motions.ContactSteps, "step") as calls:
         found = cp.simulate_batch(scene, *state, **about, **CORE)
-    assert len(asked) <= left
+    assert len(calls) <= left
     assert (found.statuses == wanted.statuses).all()
     assert_same_samples(found, wanted, *(("lam", "contact") if unique else ()))
     last = cp.simulate_batch(scene, *state, **(about | {"record": None}), **CORE)
@@ -810,14 +810,14 @@ meeting = functools.cache(lambda make: along(make(), MEETING[make][0])[0])
 def test_steps_of_shapes_that_meet(make, monkeypatch):
     """Where redundant contacts slide and turn, Coulomb's law has several answers: Python's rule."""
     group, modes = meeting(make), MEETING[make][1]
-    with by_python(monkeypatch, steps, "step") as asked:
+    with by_python(monkeypatch, steps, "step") as calls:
         found = step_batch(*group, dt=DT, **CORE)
     several = 0
     for q, v in zip(group.q, group.v, strict=True):
         notices = cp.step(group.scene, q, v, group.tau, dt=DT).notices
         several += any("not determined by Coulomb's law" in notice for notice in notices)
     # where contacts share a load some take more ways than the core has: which do hangs on rounding
-    assert several <= len(asked) <= several + len(group.q) // 10
+    assert several <= len(calls) <= several + len(group.q) // 10
     assert found.ok
     assert found.errors[:, 1].max() <= 1e-12  # of the balance of momentum
     assert modes <= set(np.unique(found.codes).tolist())

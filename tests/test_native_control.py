@@ -125,7 +125,7 @@ def assert_same(python, core, accuracy: float = 1e-9, of_v: float = 1e-9) -> Non
     assert np.abs(core.v - python.v).max() <= of_v
 
 
-# Laws, and the states in which they are asked
+# Laws, and their states
 
 
 @dataclass
