@@ -353,7 +353,7 @@ def derivatives_of(label: str, **more: object) -> Callable:
 def motion_of(label: str, **more: object) -> Callable:
     scene = scene_of(label)
     q, v, tau = starts(scene, 2)
-    state = (q, v) if "tau" in more else (q, v, tau)
+    state = q, v, more.pop("torque", tau)
     return lambda **over: cp.simulate_batch(scene, *state, duration=5e-3, **more, **over).q
 
 
@@ -382,7 +382,7 @@ REFUSED = [
     ("Projection", motion_of, SOLO, {"drift": cp.simulation.Projection()}),
     ("forces", motion_of, SOLO, {"forces": PUSH}),
     ("SparseKKT", motion_of, SOLO, {"solver": SPARSE}),
-    ("function", motion_of, SOLO, {"tau": _no_torque}),
+    ("function", motion_of, SOLO, {"torque": _no_torque}),
     ("StewartTrinkle alone", on_solo, step_batch, {"integrator": MOREAU}),
     ("PGS", on_solo, step_batch, {"integrator": BY_PGS}),
     ("Lemke", on_solo, cp.simulate_batch, {"integrator": BY_LEMKE}),
