@@ -606,8 +606,8 @@ def unmodelled(mj: Any, had: Transmissions) -> Iterator[str]:
 def unused(mj: Any, had: Transmissions, coupled: Collection[int], most: Array) -> Iterator[str]:
     """Yield the other parts of a mujoco.MjModel that are not used, or not by default.
 
-    `coupled` are the numbers of actuators that are motors on several joints, used, and `most`
-    what `efforts` has found.
+    `coupled` are the numbers of actuators that are motors on several joints, and `most` what
+    `efforts` has found.
     """
     joints, alone = joint_names(mj), driven(mj)
     counts = {
@@ -621,13 +621,15 @@ def unused(mj: Any, had: Transmissions, coupled: Collection[int], most: Array) -
         yield f"in the file and not used: {', '.join(some)}"
     of = {kind: names_of(mj, kind) for kind in ("tendon", "site")} | {"body": body_names(mj)}
     pulls = enumerate(zip(names_of(mj, "actuator"), actuator_targets(mj), alone, strict=True))
-    others = [
-        f"{name} on {kind} {of[kind][target]!r}"
+    others = {
+        k: f"{name} on {kind} {of[kind][target]!r}"
         for k, (name, (kind, target), joint) in pulls
-        if joint is None and k not in coupled
-    ]
-    if others:
-        yield f"actuators that are no motors here: {listed(others)}"
+        if joint is None
+    }
+    if several := [what for k, what in others.items() if k in coupled]:
+        yield f"motors of Robot.coupled_motors, not in Robot.actuated: {listed(several)}"
+    if no_motors := [what for k, what in others.items() if k not in coupled]:
+        yield f"actuators that are no motors here: {listed(no_motors)}"
     if had.lost:
         yield (
             f"armature, damping and the like of tendons that couple joints ({len(had.lost)}): "
