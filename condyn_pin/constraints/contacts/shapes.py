@@ -296,6 +296,13 @@ class Shape(ABC):
         """Picture of the shape; None without a size."""
         return None
 
+    def _check_lengths(self, what: str) -> None:
+        """Set its fields as positive floats, or raise InvalidArgument."""
+        lengths = dict(vars(self))
+        check_positive(what, **lengths)
+        for name, length in lengths.items():
+            object.__setattr__(self, name, float(length))
+
     @property
     def over_plane(self) -> Core | None:
         """Shape over a plane, if its contact points depend on the plane; None if they do not."""
@@ -336,8 +343,7 @@ class Ball(Shape):
     radius: float  # [m]
 
     def __post_init__(self) -> None:
-        check_positive("length [m]", radius=self.radius)
-        object.__setattr__(self, "radius", float(self.radius))
+        self._check_lengths("length [m]")
 
     @property
     def contact_points(self) -> tuple[ContactPoint, ...]:
@@ -371,9 +377,7 @@ class Capsule(Shape):
     half_length: float  # [m]
 
     def __post_init__(self) -> None:
-        check_positive("length [m]", radius=self.radius, half_length=self.half_length)
-        object.__setattr__(self, "radius", float(self.radius))
-        object.__setattr__(self, "half_length", float(self.half_length))
+        self._check_lengths("length [m]")
 
     @property
     def contact_points(self) -> tuple[ContactPoint, ...]:
@@ -409,9 +413,7 @@ class Box(Shape):
     z: float  # [m]
 
     def __post_init__(self) -> None:
-        check_positive("half of an edge [m]", x=self.x, y=self.y, z=self.z)
-        for edge in "xyz":
-            object.__setattr__(self, edge, float(getattr(self, edge)))
+        self._check_lengths("half of an edge [m]")
 
     @property
     def contact_points(self) -> tuple[ContactPoint, ...]:
@@ -467,9 +469,7 @@ class Cylinder(_Round):
     half_length: float  # [m]
 
     def __post_init__(self) -> None:
-        check_positive("length [m]", radius=self.radius, half_length=self.half_length)
-        object.__setattr__(self, "radius", float(self.radius))
-        object.__setattr__(self, "half_length", float(self.half_length))
+        self._check_lengths("length [m]")
 
     @property
     def patch(self) -> Patch:
@@ -504,9 +504,7 @@ class Ellipsoid(_Round):
     z: float  # [m]
 
     def __post_init__(self) -> None:
-        check_positive("half of an axis [m]", x=self.x, y=self.y, z=self.z)
-        for axis in "xyz":
-            object.__setattr__(self, axis, float(getattr(self, axis)))
+        self._check_lengths("half of an axis [m]")
 
     @property
     def core(self) -> Core:
