@@ -13,7 +13,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,14 +23,13 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import Array, finite, read_only, text_of
 from condyn_pin._core.linalg import rank_of
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.constraints.forces import frame_jacobian
+from condyn_pin.constraints.forces import ALIGNED, frame_jacobian
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
 
-_ALIGNED: Final = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 _STEPS: Final = 40  # that find a configuration
 _POSED: Final = 1e-11  # step that ends that [rad, m]
 _LONGEST: Final = 0.4  # of these [rad, m]
@@ -134,10 +133,10 @@ class _BoundTorques(BoundLog):
         ]
         sigma = np.asarray(log.sigma)
         self._sigma = np.full(n, sigma) if sigma.ndim == 0 else finite("log.sigma", sigma, n)
-        candidates, data = Candidates(model, scene.contact_bounds), whole_data(model)
+        candidates, data = _with_data(scene)
         self._touch, self._slide = [], []
         for k, q in enumerate(self._q):
-            pin.computeJointJacobians(model, data, q)
+            algorithms(data).computeJointJacobians(model, data, q)
             gaps, J = candidates.evaluate(data, q)
             slip = (J[: 3 * candidates.cones] @ self._v[k]).reshape(-1, 3)[:, :2]
             speed = np.concatenate((
@@ -173,14 +172,13 @@ class _BoundTorques(BoundLog):
     def _each(self, scene: Scene) -> Iterator[tuple[Array, Array, Array, Array]]:
         """Yield q, what is left of the torques, J, and columns of the unknown contact forces."""
         robot, equations = scene.robot, equations_of(scene.bilateral)
-        model = robot.unedited
-        candidates, data = Candidates(model, scene.contact_bounds), whole_data(model)
+        candidates, data = _with_data(scene)
         for k, (q, v) in enumerate(zip(self._q, self._v, strict=True)):
             terms = equations.terms(q, v)
             e = terms.M @ self._a[k] + terms.h - robot.passive_torque(q, v) - self._tau[k]
             columns = np.zeros((len(v), 0))
             if candidates.rows:
-                pin.computeJointJacobians(model, data, q)
+                algorithms(data).computeJointJacobians(robot.unedited, data, q)
                 _, rows = candidates.evaluate(data, q)
                 known, columns = self._contact_forces(candidates, rows, k)
                 e = e - known
@@ -202,6 +200,12 @@ class _BoundTorques(BoundLog):
             else:
                 known -= candidates.limits[i - lines] * np.sign(rows[0] @ v) * rows[0]
         return known, np.array(found).reshape(-1, len(v)).T
+
+
+def _with_data(scene: Scene) -> tuple[Candidates, Any]:
+    """Contacts of a scene, and the memory of its equations to evaluate them in."""
+    data = equations_of(scene.bilateral).data
+    return Candidates(scene.robot.unedited, scene.contact_bounds), data
 
 
 @dataclass(frozen=True, eq=False)
@@ -339,13 +343,13 @@ class _BoundPoses(BoundLog):
     def _measured(self, scene: Scene, k: int, q: Array) -> tuple[Array, Array]:
         """Return g(q) - y of sample k over sigma, and its derivative by q."""
         model, data = scene.robot.unedited, equations_of(scene).data
-        pin.computeJointJacobians(model, data, q)
+        algorithms(data).computeJointJacobians(model, data, q)
         e = [np.array([q[iq] - y[k]]) for iq, _, y in self._joints]
         H = [np.eye(model.nv)[iv : iv + 1] for _, iv, _ in self._joints]
         for joint, placement, y in self._frames:
             at = data.oMi[joint] * placement
             e.append(at.translation - y[k, :3])
-            H.append(frame_jacobian(model, data, joint, placement, _ALIGNED)[:3])
+            H.append(frame_jacobian(model, data, joint, placement, ALIGNED)[:3])
             if y.shape[1] == 7:
                 x, y_, z, w = y[k, 3:] / np.linalg.norm(y[k, 3:])
                 R = pin.Quaternion(w, x, y_, z).toRotationMatrix().T @ at.rotation
