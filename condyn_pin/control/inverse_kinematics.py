@@ -52,8 +52,9 @@ from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.qp_solver import QPSolver, QuadraticProgram
 from condyn_pin.control.tasks.task import BoundTask, Motion, Tracking
 from condyn_pin.dynamics.at_state import equations_of
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene, check_scene
-from condyn_pin.errors import InvalidArgument, TargetsNotReached, unknown_name
+from condyn_pin.errors import InvalidArgument, TargetsNotReached
 from condyn_pin.mechanism.assembling import assemble_from, check_held, nominal_configuration
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Assembly, Closer, anchored
@@ -239,7 +240,9 @@ def solve_ik(
     check_held("fixed", limits, start, held)
     moving = np.ones(robot.nv, dtype=bool)
     moving[held] = False
-    goal = None if posture is None else _posture(scene, posture)
+    if isinstance(posture, str):
+        posture = described_posture(scene, posture)
+    goal = None if posture is None else normalised(robot.model, "posture", posture)
     bare = anchored(bare, start)
     closer = Closer.of(bare, moving, limits)
     search = _Search(bare, _bound(bare, targets, time), closer, qp)
@@ -266,15 +269,6 @@ def solve_ik(
 
 def _size(e: Array) -> float:
     return float(np.linalg.norm(e))
-
-
-def _posture(scene: Scene, posture: str | ArrayLike) -> Array:
-    """The configuration (nq,) that a posture is."""
-    if not isinstance(posture, str):
-        return normalised(scene.robot.model, "posture", posture)
-    if posture not in scene.robot.postures:
-        raise unknown_name("posture", posture, scene.robot.postures)
-    return normalised(scene.robot.model, "posture", scene.robot.postures[posture])
 
 
 def _bound(
@@ -459,10 +453,14 @@ class _Search:
             return None
         return there
 
+    def _stops(self, q: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Masks of the limits that joints are at: of the lower and of the upper ones."""
+        limits, x = self._closer.limits, q[self._closer.limits.iq]
+        return x <= limits.lower + tolerances.TARGET, x >= limits.upper - tolerances.TARGET
+
     def _stopped(self, q: Array) -> NDArray[np.bool_]:
         """Mask of the limits that joints are at."""
-        limits, x = self._closer.limits, q[self._closer.limits.iq]
-        return (x <= limits.lower + tolerances.TARGET) | (x >= limits.upper - tolerances.TARGET)
+        return np.logical_or(*self._stops(q))
 
     def _lower(self, here: _Place, carries: NDArray[np.bool_]) -> _Place | None:
         """Nearer configuration along the most negative curvature where the gradient is zero."""
@@ -501,10 +499,8 @@ class _Search:
 
         Z, limits = self._free(here.J), self._closer.limits
         e, E = self._weighted(here)
-        g, x = Z.T @ (E.T @ e), here.q[limits.iq]
-        low = x <= limits.lower + tolerances.TARGET
-        high = x >= limits.upper - tolerances.TARGET
-        carries = np.zeros(len(x), dtype=bool)
+        g, (low, high) = Z.T @ (E.T @ e), self._stops(here.q)
+        carries = np.zeros(len(low), dtype=bool)
         pushed = np.vstack((-Z[limits.iv[low]], Z[limits.iv[high]]))
         if not len(pushed) or not len(g):
             return _size(g), carries
