@@ -37,14 +37,8 @@ _NUMBER: Final = (
     _CELL.replace("left", "right", 1) + ";white-space:nowrap;font-variant-numeric:tabular-nums"
 )
 _TABLE: Final = "border-collapse:collapse;margin:4px 0 8px 0;background:transparent;color:inherit"
-_USABLE: Final = (
-    "OK",
-    "CLOSED",
-    "CONVERGED",
-    "REACHED",
-    "FINISHED",
-    "ENDED",
-)  # outcomes that are ok
+# Outcomes that are ok.
+_USABLE: Final = ("OK", "CLOSED", "CONVERGED", "REACHED", "FINISHED", "ENDED")
 _FOLD: Final = 12  # rows of a table that are seen at once
 
 

@@ -520,7 +520,7 @@ class ConstraintForce(ArrayValue):
 
     @property
     def own(self) -> ConstraintForce:
-        """The same force in the constraint's own axes, c1's, where it has others."""
+        """Force in the constraint's own axes, c1's, where it has others."""
         if self._sites.axes[self._index] is None:
             return self
         force = _force(replace(self._sites, own=True), self._index, self.lam)

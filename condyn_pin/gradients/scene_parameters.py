@@ -42,7 +42,7 @@ class _Parameter(NamedTuple):
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """What is physical."""
+        """Least and largest physical value."""
         most = tolerances.MOST_FRICTION if self.key == "friction" else inf
         return (-inf if self.key in (*_PLACES, "reference") else 0.0), most
 

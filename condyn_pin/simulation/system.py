@@ -95,7 +95,7 @@ class System:
             self._implicit[0]._last = _NOTHING
 
     def with_contacts(self, contacts: Candidates) -> System:
-        """The same system in the same memory, with other coefficients of its contacts."""
+        """System in the same memory, with other coefficients of its contacts."""
         varied = copy(self)
         varied.contacts = contacts
         return varied

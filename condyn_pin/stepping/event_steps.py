@@ -345,7 +345,7 @@ class Segments:
 
 
 class SmoothMotion(System):
-    """The same system in the same memory, its contacts in modes that are held.
+    """System in the same memory, its contacts in modes that are held.
 
     What is known at its start is not solved for again.
     """
