@@ -20,7 +20,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import nan
 from statistics import NormalDist
-from typing import Final, Literal, NamedTuple, get_args
+from typing import Any, Final, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -206,8 +206,6 @@ def fit(
 
     Huber. Robust Statistics. Wiley, 1981, chapter 7: the variance with a loss.
     """
-    from scipy.optimize import least_squares
-
     check_scene(scene)
     check_not_driven(scene, "fit")
     check_type("log", log, Log, "a TorqueLog or a PoseLog is needed")
@@ -224,25 +222,9 @@ def fit(
         free = found.free
         if not len(free):
             break
-        unit = sizes[free]
-
-        def whole(y: Array, free: NDArray[np.int_] = free, unit: Array = unit) -> Array:
-            moved = p.copy()  # noqa: B023  used in this round alone
-            moved[free] = y / unit
-            return moved
-
-        lower, upper = problem.family.lower[free], problem.family.upper[free]
-        ends = least_squares(
-            lambda y, whole=whole: problem.residual(whole(y)),
-            p[free] * unit,
-            jac=lambda y, whole=whole, free=free, unit=unit: (
-                problem.jacobian(whole(y))[0][:, free] / unit
-            ),
-            bounds=(lower * unit, upper * unit),
-            ftol=_ENDED, xtol=_ENDED, gtol=None, loss=loss, max_nfev=max(iterations - taken, 1),
-        )  # fmt: skip
+        most = max(iterations - taken, 1)
+        p, ends = problem.fitted(p, free, sizes[free], loss, most)
         taken, ended = taken + ends.nfev, ends.status > 0
-        p = whole(ends.x)
         at_bounds[:] = False
         at_bounds[free] = ends.active_mask != 0
         J, sizes = problem.jacobian(p)
@@ -260,6 +242,26 @@ class _Problem:
         self._p, self._count = b"", 0
         self._T: Array | None = None
         self.residuals = np.zeros((0, 0))
+
+    def fitted(
+        self, p: Array, free: NDArray[np.int_], unit: Array, loss: Loss, most: int
+    ) -> tuple[Array, Any]:
+        """Least squares over the `free` parameters, each in its unit; p at the end, and the end."""
+        from scipy.optimize import least_squares
+
+        def whole(y: Array) -> Array:
+            moved = p.copy()
+            moved[free] = y / unit
+            return moved
+
+        ends = least_squares(
+            lambda y: self.residual(whole(y)),
+            p[free] * unit,
+            jac=lambda y: self.jacobian(whole(y))[0][:, free] / unit,
+            bounds=(self.family.lower[free] * unit, self.family.upper[free] * unit),
+            ftol=_ENDED, xtol=_ENDED, gtol=None, loss=loss, max_nfev=most,
+        )  # fmt: skip
+        return whole(ends.x), ends
 
     def residual(self, p: Array) -> Array:
         """Residuals (K m,); infinite where loops do not close, so that no step goes there."""
