@@ -28,8 +28,8 @@ import condyn_pin as cp
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin._core.timing import Call, State, Times, interleaved
 from condyn_pin.contact import ADMM, ContactProblem, SemismoothNewton
 from condyn_pin.contact.condense import condense

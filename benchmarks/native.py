@@ -48,7 +48,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
 from condyn_pin.constraints import Ball, Plane
 from condyn_pin.contact import SemismoothNewton
-from condyn_pin.dynamics.derivatives.differences import BLOCKS
+from condyn_pin.dynamics.derivatives.others import BLOCKS
 from condyn_pin.dynamics.scene import motor_torque, standard_scenes
 from condyn_pin.gradients import BatchStepDerivatives, step_derivatives_batch
 from condyn_pin.model.smaller import lock_joints

@@ -35,9 +35,7 @@ import condyn_pin as cp
 import lab
 from condyn_pin._core.show import panels
 from condyn_pin.constraints.drift import Baumgarte
-from condyn_pin.simulation.drift import DRIFTS, Drift
-from condyn_pin.simulation.drift.no_drift import NoDrift
-from condyn_pin.simulation.drift.post_stabilization import PostStabilization
+from condyn_pin.simulation.drift import DRIFTS, Drift, NoDrift, PostStabilization
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from lab.problems.base import Problem, Setting
 

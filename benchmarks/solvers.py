@@ -56,7 +56,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import interleaved, machine
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.cli.words import solvers_of
-from condyn_pin.dynamics.matrix_free import inverse_delassus
+from condyn_pin.dynamics.recursion import inverse_delassus
 from condyn_pin.dynamics.scene import motor_torque, standard_scenes
 from condyn_pin.dynamics.workspace import unsupported_constraints
 from lab.extremes.base import EXTREMES, Case

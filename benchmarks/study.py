@@ -29,8 +29,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.model.mechanisms.registry import add_rod
-from condyn_pin.simulation.drift.no_drift import NoDrift
+from condyn_pin.model.mechanisms.machine import add_rod
+from condyn_pin.simulation.drift import NoDrift
 from condyn_pin.simulation.integrators.explicit import RungeKutta4
 from condyn_pin.study.measures.measure import Answer, relative
 

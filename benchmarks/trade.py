@@ -45,8 +45,8 @@ from condyn_pin.dynamics.scene import standard_scenes
 from condyn_pin.study.fresh import FreshErrors
 from condyn_pin.study.measures import MEASURES
 from condyn_pin.study.plots import save_trade
-from condyn_pin.study.printing import timing_sentence
 from condyn_pin.study.states import SampledStates
+from condyn_pin.study.table import timing_sentence
 from condyn_pin.study.tables import ALONE, pareto_front
 from lab.hierarchy import (
     FULL,

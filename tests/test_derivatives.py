@@ -12,7 +12,7 @@ from shared import BLOCKS, DERIVATIVES, all_scenes, central, each_scene, robot, 
 
 import condyn_pin as cp
 from condyn_pin.dynamics.derivatives import METHODS
-from condyn_pin.dynamics.derivatives.differences import check_derivatives
+from condyn_pin.dynamics.derivatives.others import check_derivatives
 
 ROOTS = {
     "revolute": pin.JointModelRY,

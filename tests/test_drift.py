@@ -13,7 +13,7 @@ from motions import bar, hanging_cassie, rod_pendulum
 from shared import HAS_LCABA, SOLVERS, all_scenes, relative, robot, states, takes
 
 import condyn_pin as cp
-from condyn_pin.simulation.gaps import FactorisedGaps, SolvedGaps, gaps_of
+from condyn_pin.simulation.drift import FactorisedGaps, SolvedGaps, gaps_of
 from condyn_pin.simulation.stability import growth, is_beyond, stability_limit
 from condyn_pin.simulation.system import System
 

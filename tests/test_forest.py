@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 
 import condyn_pin as cp
-from condyn_pin._core import trees
+from condyn_pin._core import models
 from condyn_pin.constraints import Ball, Box, FrictionalContact
 from condyn_pin.errors import InvalidModel
 
@@ -43,7 +43,7 @@ def state(seed: int) -> tuple[np.ndarray, ...]:
 @pytest.mark.parametrize("seed", range(3))
 def test_a_forest_is_the_whole_model(seed):
     q, v, a, tau = state(seed)
-    whole, forest = MODEL.createData(), trees.Forest(MODEL)
+    whole, forest = MODEL.createData(), models.Forest(MODEL)
     rng = np.random.default_rng(seed)
     wrenches = pin.StdVec_Force([pin.Force(*rng.normal(size=(2, 3))) for _ in MODEL.joints])
     both = (pin, whole), (forest, forest)
@@ -85,7 +85,7 @@ def test_a_forest_is_the_whole_model(seed):
 
 def test_arrays_of_another_size_are_refused():
     q, v, a, _ = state(0)
-    forest = trees.Forest(MODEL)
+    forest = models.Forest(MODEL)
     for wrong in ((q[:-1], v, a), (q, v[:-1], a), (q, v, np.append(a, 0.0))):
         with pytest.raises(ValueError, match="shape"):
             forest.rnea(MODEL, forest, *wrong)
@@ -93,8 +93,8 @@ def test_arrays_of_another_size_are_refused():
 
 def test_what_trees_share_is_no_forest():
     """One tree is none, however large it is, nor are small models."""
-    assert not trees.is_forest(cp.model.chain(120).model)
-    assert not trees.is_forest(MODEL)
+    assert not models.is_forest(cp.model.chain(120).model)
+    assert not models.is_forest(MODEL)
 
 
 def scene_of_boxes() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
@@ -124,9 +124,9 @@ def scene_of_boxes() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
 def test_steps_of_a_forest_are_those_of_the_whole(integrator, monkeypatch):
     found = []
     for small in (2**25, 0):
-        monkeypatch.setattr(trees, "_SMALL", small)
+        monkeypatch.setattr(models, "_SMALL", small)
         scene, q, v = scene_of_boxes()
-        assert trees.is_forest(scene.robot.model) == (small == 0)
+        assert models.is_forest(scene.robot.model) == (small == 0)
         force = cp.AppliedForce("ball/ball", force=(1.0, 0.0, 0.0))
         step = cp.step(scene, q, v, dt=2e-3, integrator=integrator, forces=[force])
         run = cp.simulate(scene, q, v, duration=0.02, dt=2e-3, integrator=integrator)
@@ -169,7 +169,7 @@ def test_free_bodies_take_no_memory_by_the_cube():
 
 
 def test_a_whole_model_that_is_too_large_is_refused_before(monkeypatch):
-    monkeypatch.setattr(trees, "available_memory", lambda: 1e8)
+    monkeypatch.setattr(models, "available_memory", lambda: 1e8)
     with pytest.raises(InvalidModel, match=r"take 0.34 GB, more than .* \(0.1 GB\)"):
         cp.Robot("chain", chain_of(220))
 
@@ -191,7 +191,7 @@ def test_constraints_of_a_forest_take_the_whole_model_or_are_refused(monkeypatch
         cp.Loop(f"{one}/ball", f"{two}/ball", "rod", length=1.0, name=one)
         for one, two in pairwise(names)
     ]
-    monkeypatch.setattr(trees, "available_memory", lambda: 1e8)
+    monkeypatch.setattr(models, "available_memory", lambda: 1e8)
     scene = cp.Scene(robot, rods)
     with pytest.raises(InvalidModel, match="216 degrees of freedom"):
         cp.Workspace(scene)

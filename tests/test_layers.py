@@ -431,7 +431,7 @@ def test_a_step_is_differentiated_by_every_number():
 def test_without_crocoddyl_it_is_said_how_to_have_it(monkeypatch):
     scene, _ = stepping()
     monkeypatch.setitem(sys.modules, "crocoddyl", None)
-    monkeypatch.delitem(sys.modules, "condyn_pin.layers.crocoddyl_model", raising=False)
+    monkeypatch.delitem(sys.modules, "condyn_pin.layers.crocoddyl", raising=False)
     with pytest.raises(cp.errors.MissingExtra, match="--no-deps crocoddyl"):
         cp.layers.crocoddyl_action(cp.layers.Action(scene, dt=1e-3), None)
 

@@ -11,7 +11,7 @@ from shared import relative, robot
 
 import condyn_pin as cp
 from condyn_pin.model.mechanisms import MECHANISMS
-from condyn_pin.model.mechanisms.registry import mechanism
+from condyn_pin.model.mechanisms.machine import mechanism
 
 GRAVITY = 9.81
 

@@ -58,7 +58,7 @@ from condyn_pin.contact import PGS, Lemke
 from condyn_pin.control import CapturePoint, ContactForce, Controller, JointTask, Posture
 from condyn_pin.control import compiled as ticks
 from condyn_pin.dynamics import compiled as arrays
-from condyn_pin.dynamics.derivatives.differences import BLOCKS
+from condyn_pin.dynamics.derivatives.others import BLOCKS
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.gradients import Kappa, step_derivatives_batch
 from condyn_pin.simulation import derivatives_batch

@@ -31,7 +31,7 @@ from condyn_pin.constraints import (
     analytic,
 )
 from condyn_pin.dynamics import DenseKKT, NullSpace, Status
-from condyn_pin.dynamics.derivatives.differences import BLOCKS
+from condyn_pin.dynamics.derivatives.others import BLOCKS
 from condyn_pin.dynamics.scene import motor_torque
 from condyn_pin.dynamics.workspace import default_solver
 from condyn_pin.model import SpringDamper

@@ -19,12 +19,12 @@ import condyn_pin as cp
 from condyn_pin import mechanism
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.derivatives.kkt import Linearisation
+from condyn_pin.dynamics.derivatives.others import BLOCKS
 from condyn_pin.dynamics.workspace import unsupported_constraints
 from condyn_pin.mechanism.classification import _is_involutive, bracket
 from condyn_pin.mechanism.closed_chains import chains_of
-from condyn_pin.model.mechanisms.registry import add_rod, disc
+from condyn_pin.model.mechanisms.machine import add_rod, disc
 
 GRAVITY = 9.81
 CLOSE = 1e-12  # closed forms, relative to gravity; measured: 1e-15 to 1e-13

@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 from sdf_texts import INERTIAL, ROUNDING, T, closures, frame_poses, joint, link, pose, springs
 
 from condyn_pin.errors import InvalidModel, UnknownName
-from condyn_pin.io.description import Description
+from condyn_pin.io.load import Description
 
 
 def cuts(robot) -> list[tuple[str, str]]:

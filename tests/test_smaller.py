@@ -13,7 +13,7 @@ from shared import all_scenes, motor_torque, relative, robot
 
 import condyn_pin as cp
 from condyn_pin import mechanism
-from condyn_pin._core.joints import indices
+from condyn_pin._core.models import indices
 from condyn_pin.constraints import Terms
 from condyn_pin.errors import InvalidArgument, InvalidConstraint, UnknownName
 from condyn_pin.model.smaller import smaller_tree

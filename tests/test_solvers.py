@@ -25,7 +25,7 @@ from shared import (
 
 import condyn_pin as cp
 from condyn_pin._core.linalg import range_space
-from condyn_pin.cli.commands.solvers import solver_rows
+from condyn_pin.cli.commands.look import solver_rows
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.solvers.conjugate_gradient import conjugate_gradients
 from condyn_pin.dynamics.solvers.dense_kkt import PROBES, probing, scaling

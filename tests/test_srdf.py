@@ -14,8 +14,7 @@ from shared import robot
 from urdf_texts import SWING
 
 import condyn_pin as cp
-from condyn_pin.io.srdf import read_srdf
-from condyn_pin.io.urdf import read_urdf
+from condyn_pin.io.urdf import read_srdf, read_urdf
 
 STATE = '<group_state name="home" group="all">{}</group_state>'
 GOOD = (
@@ -92,7 +91,7 @@ def test_spoilt_ones_do_no_harm(tmp_path):
         from pathlib import Path
         import condyn_pin as cp
         import pinocchio as pin
-        from condyn_pin.io.srdf import read_srdf
+        from condyn_pin.io.urdf import read_srdf
         path, read = Path({str(tmp_path / "a.srdf")!r}), 0
         for text in eval(Path({str(texts)!r}).read_text(encoding="utf-8")):
             path.write_text(text, encoding="utf-8")

@@ -14,7 +14,7 @@ import textwrap
 import numpy as np
 import pytest
 
-from condyn_pin._core.blas_threads import VARIABLES
+from condyn_pin._core.threads import VARIABLES
 
 # numpy and SciPy have loaded that library; Pinocchio has none.
 pytestmark = pytest.mark.once
@@ -23,8 +23,8 @@ SCRIPT = """
 import json
 import numpy as np
 import condyn_pin as cp
-from condyn_pin._core import blas_threads
-from condyn_pin._core.blas_threads import blas_controllers, one_blas_thread
+from condyn_pin._core import threads
+from condyn_pin._core.threads import blas_controllers, one_blas_thread
 from condyn_pin.dynamics.derivatives import METHODS
 
 def threads():
@@ -116,7 +116,7 @@ def test_workers_keep_to_one():
         """
         with cp.Processes(1) as pool:
             inside = pool.submit(eval, "[x.get_num_threads() for x in __import__("
-                                 "'condyn_pin._core.blas_threads')._core.blas_threads.blas_controllers()]")
+                                 "'condyn_pin._core.threads')._core.threads.blas_controllers()]")
             print(json.dumps(inside.result()))
         """
     )

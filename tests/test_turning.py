@@ -18,7 +18,7 @@ import pytest
 from oracle import Oracle, exact, mp, of_quaternion
 
 import condyn_pin as cp
-from condyn_pin._core.joints import joints_with_turning_axes
+from condyn_pin._core.models import joints_with_turning_axes
 
 FOUND = Path(__file__).with_name("turning.json")
 OBLIQUE = np.array([0.6, 0.0, 0.8])

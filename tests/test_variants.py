@@ -11,7 +11,7 @@ from sdf_texts import joint, link, pose
 from shared import HAS_LCABA, robot
 
 import condyn_pin as cp
-from condyn_pin._core.joints import indices
+from condyn_pin._core.models import indices
 from condyn_pin.io.robot_toml import chosen_config
 from condyn_pin.model.smaller import lock_joints
 

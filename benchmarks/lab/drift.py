@@ -26,12 +26,11 @@ from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import Interrupted
 from condyn_pin.model.robot import Robot
-from condyn_pin.simulation.drift.no_drift import NoDrift
-from condyn_pin.simulation.drift.projection import Projection
+from condyn_pin.simulation.drift import NoDrift, Projection
 from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
 from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.integrators.rattle import Rattle
-from condyn_pin.simulation.outcome import uninterrupted
+from condyn_pin.simulation.motion_status import uninterrupted
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.stability import growth, stability_limit
 from condyn_pin.simulation.trajectory import Trajectory

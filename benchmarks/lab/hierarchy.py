@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Final
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.joints import indices
+from condyn_pin._core.models import indices
 from condyn_pin._core.timing import State, Times
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.rows.equations import Equations
@@ -137,7 +137,7 @@ def _share(*errors: float) -> str:
 
 def print_hierarchy(table: HierarchyTable, console: Console) -> None:
     """Print what every model costs and saves, and why it is there."""
-    from condyn_pin.study.printing import print_columns
+    from condyn_pin.study.table import print_columns
 
     print_columns(table, console, left=[heading for heading, _ in table.columns])
     for row in table.rows:
@@ -252,7 +252,7 @@ class HierarchyEffort:
     states : int
         Random motions.
     rounds, repeats : int
-        As in `condyn_pin._core.timing.interleaved`.
+        As in `condyn_pin._core.threads.interleaved`.
     """
 
     states: int = 20

@@ -18,9 +18,9 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg import factorise
+from condyn_pin._core.models import Indices, indices
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin._core.timing import State
 from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations

@@ -113,8 +113,8 @@ def diagnose() -> Diagnosis:
     if probe.returncode == 0:
         try:
             from condyn_pin._core._pin import pinocchio_features
-            from condyn_pin._core.blas_threads import blas_features
             from condyn_pin._core.compiled import core_features
+            from condyn_pin._core.threads import blas_features
 
             features = pinocchio_features() | core_features() | blas_features()
         except ImportError as error:

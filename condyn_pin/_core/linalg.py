@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.errors import InvalidModel
 
 _EPS = float(np.finfo(np.float64).eps)

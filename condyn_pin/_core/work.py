@@ -30,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arguments import check_count
-from condyn_pin._core.blas_threads import keep_to_one_thread
+from condyn_pin._core.threads import keep_to_one_thread
 from condyn_pin.errors import InvalidArgument, WorkersLost
 
 Chunk = TypeVar("Chunk")

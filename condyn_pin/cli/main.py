@@ -7,7 +7,7 @@ import sys
 import traceback
 from typing import Annotated, NoReturn
 
-from condyn_pin._core.blas_threads import decided
+from condyn_pin._core.threads import decided
 
 # Before numpy is imported, for the processes of workers too: times are compared on one core.
 if not decided():
@@ -16,7 +16,7 @@ if not decided():
 import typer
 
 from condyn_pin import __version__
-from condyn_pin.cli.commands import commands
+from condyn_pin.cli.commands import PANELS
 from condyn_pin.cli.output import INTERRUPTED, warn
 from condyn_pin.errors import CondynError
 
@@ -57,8 +57,9 @@ app = typer.Typer(
     rich_markup_mode="markdown",
     context_settings={"help_option_names": ["-h", "--help"]},
 )
-for _name, _module in commands().items():
-    app.command(rich_help_panel=_module.PANEL)(getattr(_module, _name))
+for _panel, _commands in PANELS.items():
+    for _command in _commands:
+        app.command(rich_help_panel=_panel)(_command)
 
 
 def _print_version(wanted: bool) -> None:

@@ -39,7 +39,7 @@ from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.integrators import INTEGRATORS
 from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.study.measures.measure import Measure, as_measure
-from condyn_pin.study.measures.trajectory import SCHEMES
+from condyn_pin.study.measures.motions import SCHEMES
 from condyn_pin.study.study import sweep
 from condyn_pin.study.tables import Method
 

@@ -67,7 +67,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_type, register
 from condyn_pin._core.arrays import Array, finite, text_of
-from condyn_pin._core.joints import rotation_fault, z_along
+from condyn_pin._core.models import rotation_fault, z_along
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.places import FrameLike, place_of, set_frames, short_frames
 from condyn_pin.errors import InvalidArgument

@@ -20,8 +20,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.joints import joints_with_turning_axes
-from condyn_pin._core.trees import algorithms
+from condyn_pin._core.models import algorithms, joints_with_turning_axes
 from condyn_pin.constraints.constraint import Machine, check_size
 from condyn_pin.constraints.places import FrameLike, set_frames, short_frames
 from condyn_pin.errors import InvalidArgument

@@ -27,7 +27,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import text_of
-from condyn_pin._core.joints import rotation_fault
+from condyn_pin._core.models import rotation_fault
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName, unknown_name
 
 Value = TypeVar("Value")

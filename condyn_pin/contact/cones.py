@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_count, check_type, normalised
 from condyn_pin._core.arrays import Array, finite, finite_rows, read_only
-from condyn_pin._core.joints import z_along
+from condyn_pin._core.models import z_along
 from condyn_pin.constraints.constraint import (
     Constraint,
     Vector3,

@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_accuracy_of_a, check_type
 from condyn_pin._core.arrays import Array, finite, read_only, text_of
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.show import Outcome
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.contact.indeterminacy import Indeterminacy, by_rule, is_determined
 from condyn_pin.contact.problem import ContactProblem, islands
 from condyn_pin.contact.residuals import (

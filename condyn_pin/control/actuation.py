@@ -23,16 +23,16 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_type, checked_names, count_text, listed
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import MinimumNorm
+from condyn_pin._core.models import indices
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.places import FrameLike
 from condyn_pin.control.tasks.task import entry_names
 from condyn_pin.dynamics.at_state import at_state, frame_jacobian
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.mechanism.closed_chains import independent_columns, passive_joints
-from condyn_pin.model.motors import CoupledMotor, check_coupled
+from condyn_pin.model.joints import CoupledMotor, check_coupled
 from condyn_pin.model.robot import Robot
 
 

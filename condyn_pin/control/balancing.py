@@ -33,9 +33,9 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments, check_type, checked_names
 from condyn_pin._core.arrays import Array, check_overflow, finite
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise, null_space
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.cones import Cones

@@ -13,7 +13,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import pivots
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
 from condyn_pin.contact.cones import Cone, Cones
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Sites, upward

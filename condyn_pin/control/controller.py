@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import Arguments, check_called, check_type, checked_names
 from condyn_pin._core.arrays import Array, check_overflow, finite
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.compiled import Native
-from condyn_pin._core.threads import OneThread, single_threaded
+from condyn_pin._core.threads import OneThread, one_blas_thread, single_threaded
 from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.drift import Baumgarte, stabilisation
 from condyn_pin.constraints.rows.equations import Equations
@@ -27,9 +26,8 @@ from condyn_pin.control.hierarchy import Cascade, Hierarchy, Level, check_tasks,
 from condyn_pin.control.limits import ControlLimits, Settings
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.chain import ChainAnswer
-from condyn_pin.control.qp.daqp import DAQP
-from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.qp_solver import Constraints, Polished, QPSolver, QuadraticProgram
+from condyn_pin.control.qp.solvers import DAQP, ProxQP
 from condyn_pin.control.tasks.task import Task
 from condyn_pin.dynamics.scene import Scene, check_at_all_times, check_bilateral, check_scene
 from condyn_pin.errors import InvalidArgument, MissingExtra, SolveFailed, UnsupportedBackend

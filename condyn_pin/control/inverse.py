@@ -21,11 +21,11 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import count_text, listed
 from condyn_pin._core.arrays import Array, check_overflow, finite
-from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.constraints.places import FrameLike, frame_text
 from condyn_pin.control.actuation import Actuation, Drive, motors_of
-from condyn_pin.control.distribution.force_distribution import ForceDistribution
+from condyn_pin.control.distribution import ForceDistribution
 from condyn_pin.control.limits import TorqueLimits
 from condyn_pin.dynamics.at_state import State, at_state, frame_jacobian, load_on
 from condyn_pin.dynamics.scene import Scene

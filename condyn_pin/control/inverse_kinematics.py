@@ -42,14 +42,14 @@ from condyn_pin._core.arguments import (
     normalised,
 )
 from condyn_pin._core.arrays import Array, finite, text_of
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import null_space
+from condyn_pin._core.models import indices
 from condyn_pin._core.show import Outcome
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.control.qp.chain import SolverLadder
-from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.qp_solver import QPSolver, QuadraticProgram
+from condyn_pin.control.qp.solvers import DAQP
 from condyn_pin.control.tasks.task import BoundTask, Motion, Tracking
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.nominal import described_posture

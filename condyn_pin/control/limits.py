@@ -31,8 +31,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_accuracy, check_type, step_size
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.compiled import Native, check_native
-from condyn_pin._core.joints import UNLIMITED
 from condyn_pin._core.linalg import factorise_mass, least_change
+from condyn_pin._core.models import UNLIMITED
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.actuation import Actuation

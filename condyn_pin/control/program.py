@@ -31,7 +31,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, entries
-from condyn_pin._core.joints import indices
+from condyn_pin._core.models import indices
 from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.joints import z_along
+from condyn_pin._core.models import z_along
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.cones import ContactCones, grasp, placements
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene

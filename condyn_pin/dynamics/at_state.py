@@ -18,8 +18,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import State as Given
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import MinimumNorm, factorise
+from condyn_pin._core.models import algorithms, data_of
 from condyn_pin._core.threads import ThreadCache
-from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints import forces as loads
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.drift import Baumgarte

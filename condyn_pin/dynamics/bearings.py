@@ -23,7 +23,7 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
 from condyn_pin.constraints.forces import AppliedForce, Loads
 from condyn_pin.dynamics.at_state import equations_of, left_out_at, moves_back
 from condyn_pin.dynamics.scene import Scene

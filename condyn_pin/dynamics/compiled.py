@@ -22,8 +22,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import QUATERNION_TOLERANCE, State, listed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled, constrained_aba, refuse
-from condyn_pin._core.joints import axes, indices
-from condyn_pin._core.trees import is_forest
+from condyn_pin._core.models import axes, indices, is_forest
 from condyn_pin.constraints.contacts.candidates import pieces_of
 from condyn_pin.constraints.contacts.shapes import Core
 from condyn_pin.constraints.drift import Baumgarte
@@ -31,8 +30,8 @@ from condyn_pin.constraints.forces import AppliedForce, Loads
 from condyn_pin.constraints.rows.bound import BoundConstraint, PinocchioConstraint, placement
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import Redundancy
-from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives, Linearisation
+from condyn_pin.dynamics.derivatives.others import BLOCKS
 from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 from condyn_pin.dynamics.residuals import ErrorEstimator, Residuals
 from condyn_pin.dynamics.scene import Scene

@@ -18,8 +18,8 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, check_overflow, finite
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.jacobian import Block, Jacobian
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import largest_violation
 from condyn_pin.constraints.rows.redundancy import LeftOut
 from condyn_pin.dynamics.at_state import at_state, equations_of, gaps, rounding, without_gravity

@@ -20,7 +20,6 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import (
     MassFactor,
     MinimumNorm,
@@ -29,6 +28,7 @@ from condyn_pin._core.linalg import (
     redundant_rows,
     whiten,
 )
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import Terms, largest_torque
 from condyn_pin.constraints.rows.equations import (
     ROUNDED,

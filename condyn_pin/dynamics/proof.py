@@ -17,8 +17,8 @@ from numpy.typing import NDArray
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core.arguments import State
 from condyn_pin._core.arrays import Array, ignore_float_errors
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.forces import Load
 from condyn_pin.constraints.rows.bound import ConstraintViolation, largest_torque, largest_violation
 from condyn_pin.constraints.rows.equations import Equations

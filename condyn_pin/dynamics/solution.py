@@ -314,7 +314,7 @@ class Solution:
         """Bound on the error of a, relative to the larger of |a|_inf and gravity [1].
 
         A bound, up to rounding of tau, at the nominal state of the scene and an estimate elsewhere;
-        see `condyn_pin.dynamics.residuals`. |a|_inf compares rad/s^2 with m/s^2 as plain numbers:
+        see `condyn_pin.dynamics.proof`. |a|_inf compares rad/s^2 with m/s^2 as plain numbers:
         in another unit of length another joint may be the fastest.
         """
         return self.residuals.bound

@@ -29,8 +29,8 @@ from condyn_pin._core.arguments import (
     unpack_quaternion,
 )
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.models import Forest, is_forest, whole_data
 from condyn_pin._core.threads import OneThread, in_use, single_threaded
-from condyn_pin._core.trees import Forest, is_forest, whole_data
 from condyn_pin.constraints.drift import Baumgarte, stabilisation
 from condyn_pin.constraints.forces import AppliedForce, Loads, applied_forces
 from condyn_pin.constraints.rows.bound import BoundConstraint, Terms, finite_terms

@@ -23,7 +23,7 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import Array, finite, read_only, text_of
 from condyn_pin._core.linalg import rank_of
-from condyn_pin._core.trees import algorithms
+from condyn_pin._core.models import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.forces import ALIGNED, frame_jacobian
 from condyn_pin.dynamics.at_state import equations_of

@@ -41,7 +41,7 @@ from condyn_pin.constraints.held_joint import HeldJoint
 from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.constraints.places import WORLD
 from condyn_pin.errors import InvalidModel
-from condyn_pin.io.description import Description
+from condyn_pin.io.load import Description
 from condyn_pin.io.mjcf_file import (
     body_names,
     compiled,
@@ -51,7 +51,7 @@ from condyn_pin.io.mjcf_file import (
     require_mujoco,
 )
 from condyn_pin.io.xml import place
-from condyn_pin.model.motors import CoupledMotor
+from condyn_pin.model.joints import CoupledMotor
 from condyn_pin.model.springs import Spring, SpringDamper
 from condyn_pin.model.tree import DrawnJoint, DrawnTree
 

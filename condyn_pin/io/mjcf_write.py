@@ -34,8 +34,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import dry_friction, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import UNLIMITED
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import UNLIMITED, whole_data
 from condyn_pin.constraints.constraint import Constraint, Vector3
 from condyn_pin.constraints.contacts.contact import Contact
 from condyn_pin.constraints.contacts.kinds import bind_contacts

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import VERSION_TEXT, pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.joints import UNLIMITED
+from condyn_pin._core.models import UNLIMITED
 from condyn_pin._core.tolerances import HUGE
 from condyn_pin.errors import InvalidModel
 

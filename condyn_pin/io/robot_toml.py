@@ -29,10 +29,9 @@ from condyn_pin.constraints.kinds import Loop, bind, kinds_by_word
 from condyn_pin.constraints.rows.bound import gap_of
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.io.description import Description, check_root_joint, description_file
+from condyn_pin.io.load import Description, check_root_joint, description_file
 from condyn_pin.io.xml import place
-from condyn_pin.model.joints import Limits, with_values
-from condyn_pin.model.motors import CoupledMotor
+from condyn_pin.model.joints import CoupledMotor, Limits, with_values
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller import lock_joints
 
@@ -145,7 +144,7 @@ def _of_srdf(
     """Postures of the SRDF, pairs of links that do not collide, and what it has beside."""
     if "srdf" not in description:
         return {}, frozenset(), ()
-    from condyn_pin.io.srdf import read_exclusions, read_srdf
+    from condyn_pin.io.urdf import read_exclusions, read_srdf
 
     srdf, rotors = description_file(description["srdf"], folder), description.get("rotors", False)
     found = read_srdf(read.model, srdf, rotors=rotors, inverted=read.reversed)

@@ -51,11 +51,11 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import dry_friction, pin, set_dry_friction
 from condyn_pin._core.arguments import quoted_names
-from condyn_pin._core.joints import z_along
+from condyn_pin._core.models import z_along
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.io.description import circle_of
+from condyn_pin.io.load import circle_of
 from condyn_pin.io.sdf_file import NO_AXIS, Axis, Gear, Joint, Link, SdfModel
 from condyn_pin.io.sdf_parts import WORLD
 from condyn_pin.model.tree import Tree, one_coordinate

@@ -46,7 +46,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import listed, short_list
 from condyn_pin._core.files import parse_toml, written_out
-from condyn_pin._core.joints import z_along
+from condyn_pin._core.models import z_along
 from condyn_pin.constraints.loop import Loop, LoopKind, axis_of
 from condyn_pin.errors import InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.xml import find, floats, label, place

@@ -11,14 +11,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, MissingExtra
 from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.route import Route
 from condyn_pin.layers.answers import StepMap
-from condyn_pin.model.motors import CoupledMotor
+from condyn_pin.model.joints import CoupledMotor
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 

@@ -17,10 +17,9 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_count, check_type, checked_names, normalised
 from condyn_pin._core.arrays import Array, finite_rows
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg import rank_of
-from condyn_pin._core.trees import algorithms, data_of
+from condyn_pin._core.models import Indices, algorithms, data_of, indices
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics.at_state import equations_of, gaps, to_close
 from condyn_pin.dynamics.scene import Scene, check_scene

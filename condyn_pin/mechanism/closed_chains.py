@@ -26,9 +26,9 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg import MinimumNorm, above_tolerance, factorise, pivots, redundant_rows
+from condyn_pin._core.models import Indices, indices
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import BoundConstraint, Terms
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import by_digits

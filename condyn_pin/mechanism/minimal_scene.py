@@ -24,8 +24,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_type, checked_names
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import indices
+from condyn_pin._core.models import indices
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin._core.timing import Call, State, Times, interleaved
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven, motor_torque

@@ -29,9 +29,9 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_count, check_type, count_text, normalised
 from condyn_pin._core.arrays import Array, check_overflow, finite
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import factorise, rank_of
+from condyn_pin._core.models import indices
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import beyond_text, largest_violation
 from condyn_pin.dynamics.at_state import (
     constraint_velocities,

@@ -22,8 +22,8 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised, renamed
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import MinimumNorm, redundant_rows
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import (
     ConstraintViolation,
     beyond_text,

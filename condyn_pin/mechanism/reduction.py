@@ -21,8 +21,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import checked_names, listed, normalised
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.models import Indices, indices
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.contacts.contact import Contact
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.nominal import described_posture

@@ -16,8 +16,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import checked_names, listed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import factorise, first_of_largest, rank_of
+from condyn_pin._core.models import indices
 from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.line_contact import LineContact
 from condyn_pin.constraints.loop import Loop

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import show, tolerances
 from condyn_pin._core.arguments import count_text, listed, short_list
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import null_space, rank_of
+from condyn_pin._core.models import indices
 from condyn_pin.dynamics.at_state import equations_of, gap_text, gaps_at
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene

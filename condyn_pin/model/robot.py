@@ -16,7 +16,7 @@ from condyn_pin._core import show, tolerances
 from condyn_pin._core._pin import dry_friction, pin, set_numbers, without_infinity
 from condyn_pin._core.arguments import Arguments, check_type, count_text, normalised
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin._core.joints import rotation_fault
+from condyn_pin._core.models import rotation_fault
 from condyn_pin.constraints.constraint import Constraint, check_size
 from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.constraints.kinds import of_loops
@@ -24,8 +24,7 @@ from condyn_pin.constraints.places import WORLD, FrameLike, find_frame, with_joi
 from condyn_pin.constraints.rows.equations import least_pivots
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.model import joints as robot_joints
-from condyn_pin.model.joints import Limits, joint_of
-from condyn_pin.model.motors import CoupledMotor, check_coupled
+from condyn_pin.model.joints import CoupledMotor, Limits, check_coupled, joint_of
 from condyn_pin.model.soundness import check_model
 from condyn_pin.model.springs import Spring, SpringDamper, spring_dampers_of
 

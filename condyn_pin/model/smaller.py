@@ -20,15 +20,14 @@ from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import checked_names
 from condyn_pin._core.arrays import Array, Indices
-from condyn_pin._core.joints import indices
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import indices, whole_data
 from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.places import WORLD, place_of
 from condyn_pin.constraints.rows.bound import gap_of
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName
-from condyn_pin.model.motors import CoupledMotor
+from condyn_pin.model.joints import CoupledMotor
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.springs import SpringDamper
 

@@ -12,10 +12,9 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import rotation_fault
+from condyn_pin._core.models import Forest, algorithms, data_of, rotation_fault
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin._core.tolerances import HUGE
-from condyn_pin._core.trees import Forest, algorithms, data_of
 from condyn_pin.errors import InvalidModel
 
 # Joints of a robot.

@@ -13,8 +13,8 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.models import whole_data
 from condyn_pin._core.threads import ThreadCache
-from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.constraint import check_size
 from condyn_pin.constraints.forces import frame_jacobian
 from condyn_pin.constraints.places import FrameLike, set_frames, short_frames

@@ -22,7 +22,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import UNLIMITED
+from condyn_pin._core.models import UNLIMITED
 from condyn_pin.errors import InvalidModel
 
 

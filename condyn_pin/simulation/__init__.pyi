@@ -1,17 +1,17 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
+from .batch.answers import BatchDerivatives as BatchDerivatives
+from .batch.answers import BatchSolution as BatchSolution
 from .batch.answers import derivatives_batch as derivatives_batch
 from .batch.answers import sample_batch as sample_batch
 from .batch.answers import solve_batch as solve_batch
 from .batch.motions import simulate_batch as simulate_batch
-from .batch.solution import BatchDerivatives as BatchDerivatives
-from .batch.solution import BatchSolution as BatchSolution
 from .batch.trajectory import BatchTrajectory as BatchTrajectory
 from .drift import DRIFTS as DRIFTS
 from .drift import Drift as Drift
-from .drift.no_drift import NoDrift as NoDrift
-from .drift.post_stabilization import PostStabilization as PostStabilization
-from .drift.projection import Projection as Projection
+from .drift import NoDrift as NoDrift
+from .drift import PostStabilization as PostStabilization
+from .drift import Projection as Projection
 from .events import Event as Event
 from .events import Snapshot as Snapshot
 from .events import Switch as Switch
@@ -36,11 +36,11 @@ from .integrators.radau import RadauIIA as RadauIIA
 from .integrators.rattle import Rattle as Rattle
 from .integrators.rattle import Shake as Shake
 from .measures import Energy as Energy
-from .motion_balance import MotionBalance as MotionBalance
-from .motion_balance import motion_balance as motion_balance
-from .outcome import Effects as Effects
-from .outcome import MotionLimits as MotionLimits
-from .outcome import RunStatus as RunStatus
+from .motion_status import Effects as Effects
+from .motion_status import MotionLimits as MotionLimits
+from .motion_status import RunStatus as RunStatus
 from .records import ContactRecord as ContactRecord
 from .run import simulate as simulate
+from .trajectory import MotionBalance as MotionBalance
 from .trajectory import Trajectory as Trajectory
+from .trajectory import motion_balance as motion_balance

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core.arguments import check_called, listed
 from condyn_pin._core.arrays import Array, finite, read_only_view
-from condyn_pin._core.trees import algorithms
+from condyn_pin._core.models import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.places import FrameLike
 from condyn_pin.contact.problem import MODES, OPEN, SLIDE, STICK, Modes

@@ -28,14 +28,14 @@ from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.model_words import model_of, model_words
-from condyn_pin.model.motors import CoupledMotor
+from condyn_pin.model.joints import CoupledMotor
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.springs import Spring, SpringDamper
 from condyn_pin.simulation import integrators
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.events import EventRecord
 from condyn_pin.simulation.integrators.integrator import Integrator
-from condyn_pin.simulation.outcome import Effects, MotionLimits, Run, RunStatus, check_limits
+from condyn_pin.simulation.motion_status import Effects, MotionLimits, Run, RunStatus, check_limits
 from condyn_pin.simulation.records import (
     ContactRecord,
     Phase,

@@ -36,7 +36,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import difference, unbounded
+from condyn_pin._core.models import difference, unbounded
 
 # Joints whose velocities do not commute, and which of their coordinates turn.
 _CURVED = {

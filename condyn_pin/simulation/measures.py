@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.models import algorithms
 from condyn_pin._core.threads import ThreadCache
-from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.path import along_at
 from condyn_pin.constraints.rows.equations import MANY, BatchedGaps, Equations
 from condyn_pin.dynamics.scene import Scene

@@ -28,14 +28,13 @@ from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.errors import InvalidArgument, NotAssembled, UnsupportedConstraint
 from condyn_pin.mechanism.rank import Check
 from condyn_pin.simulation import integrators
-from condyn_pin.simulation.drift.no_drift import NoDrift
-from condyn_pin.simulation.drift.post_stabilization import PostStabilization
+from condyn_pin.simulation.drift import NoDrift, PostStabilization
 from condyn_pin.simulation.events import Event, checked_events
 from condyn_pin.simulation.integrators.contact_scheme import PUSHES, ContactScheme
 from condyn_pin.simulation.integrators.explicit import RungeKutta4
 from condyn_pin.simulation.integrators.integrator import Integrator
 from condyn_pin.simulation.measures import gauge_of
-from condyn_pin.simulation.outcome import Effects, MotionLimits, check_limits
+from condyn_pin.simulation.motion_status import Effects, MotionLimits, check_limits
 from condyn_pin.simulation.records import candidates_of
 from condyn_pin.simulation.stability import check_stability_limit
 from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.trees import algorithms, data_of
+from condyn_pin._core.models import algorithms, data_of
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.problem import MODES, OPEN, Modes, mode_words

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import check_called, check_type
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.forces import AppliedForce
@@ -34,7 +34,7 @@ from condyn_pin.simulation.events import (
     switch,
 )
 from condyn_pin.simulation.integrators.integrator import Integrator, StepEffects
-from condyn_pin.simulation.outcome import Effects, MotionLimits, Run, RunStatus
+from condyn_pin.simulation.motion_status import Effects, MotionLimits, Run, RunStatus
 from condyn_pin.simulation.plan import (
     Plan,
     check_closing,

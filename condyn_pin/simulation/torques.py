@@ -21,8 +21,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import FLOAT, check_called, joint_torques
 from condyn_pin._core.arrays import Array, finite, read_only_view
-from condyn_pin._core.joints import Indices, indices
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import Indices, indices, whole_data
 from condyn_pin.constraints.forces import AppliedForce, Loads
 from condyn_pin.dynamics.derivatives.solution_derivatives import load_partial
 from condyn_pin.errors import InvalidArgument

@@ -31,7 +31,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, diagonal_of
 from condyn_pin._core.linalg import MinimumNorm, factorise
-from condyn_pin._core.trees import algorithms
+from condyn_pin._core.models import algorithms
 from condyn_pin.contact.condense import condense
 from condyn_pin.contact.problem import OPEN, ContactProblem, Modes, contact_modes
 from condyn_pin.contact.restitution import Strike

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.linalg import MinimumNorm, factorise
-from condyn_pin._core.trees import algorithms
+from condyn_pin._core.models import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.problem import OPEN, SLIDE
 from condyn_pin.model.soundness import singular_mass

@@ -15,9 +15,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_type, joint_torques, step_size
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.threads import ThreadCache
-from condyn_pin._core.trees import algorithms
+from condyn_pin._core.models import algorithms
+from condyn_pin._core.threads import ThreadCache, one_blas_thread
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.forces import AppliedForce, Load, applied_forces

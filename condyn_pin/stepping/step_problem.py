@@ -17,7 +17,7 @@ from scipy.linalg.lapack import dtrtrs
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices
-from condyn_pin._core.trees import algorithms
+from condyn_pin._core.models import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.condense import Condensed
 from condyn_pin.contact.problem import (

@@ -39,7 +39,7 @@ from condyn_pin.dynamics.workspace import Workspace, unsupported_constraints
 from condyn_pin.errors import Interrupted
 from condyn_pin.io.load import load_robot
 from condyn_pin.study.case import Case, measure_errors, prepare
-from condyn_pin.study.measures.acceleration import AccelerationMeasure
+from condyn_pin.study.measures.answers import AccelerationMeasure
 from condyn_pin.study.measures.measure import relative
 from condyn_pin.study.states import SampledStates
 from condyn_pin.study.tables import Columns, Measurements, Record, number

@@ -18,8 +18,8 @@ import numpy as np
 
 from condyn_pin._core.arguments import check_count
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.files import parse_json
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin._core.timing import Call, State, interleaved, machine
 from condyn_pin._core.tolerances import DOUBT, SOLVED
 from condyn_pin.constraints.contacts.candidates import Candidates
@@ -176,7 +176,7 @@ class TimingEffort:
     Parameters
     ----------
     rounds, repeats : int
-        As in `condyn_pin._core.timing.interleaved`; slow calls are repeated less.
+        As in `condyn_pin._core.threads.interleaved`; slow calls are repeated less.
     overhead : bool
         Time the bare call and the solve with its proof too.
     alone : bool

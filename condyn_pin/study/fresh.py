@@ -47,7 +47,7 @@ from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.errors import CondynError, InvalidArgument, NotReached, unknown_name
 from condyn_pin.study.measures import MEASURES
 from condyn_pin.study.measures.measure import Measure
-from condyn_pin.study.measures.trajectory import SCHEMES
+from condyn_pin.study.measures.motions import SCHEMES
 from condyn_pin.study.states import SampledStates, States, as_states
 from condyn_pin.study.tables import (
     ANSWERED,

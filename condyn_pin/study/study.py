@@ -48,7 +48,7 @@ from condyn_pin.study.fresh import (
     solver_of,
     solver_of_row,
 )
-from condyn_pin.study.measures.acceleration import AccelerationMeasure
+from condyn_pin.study.measures.answers import AccelerationMeasure
 from condyn_pin.study.measures.measure import Measure, as_measure
 from condyn_pin.study.states import NoisyStates, Scenes, States, as_states, labelled
 from condyn_pin.study.table import Table

@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import axes
+from condyn_pin._core.models import axes
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.rows.bound import BoundConstraint, ConstraintViolation
 from condyn_pin.constraints.rows.equations import Equations

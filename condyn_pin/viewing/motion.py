@@ -15,8 +15,7 @@ from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.solution import Sites
-from condyn_pin.simulation.motion_balance import balances
-from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.simulation.trajectory import Trajectory, balances
 from condyn_pin.viewing import part as three
 from condyn_pin.viewing.instant import Instant, PlottedForce, instant
 from condyn_pin.viewing.marks import Camera, Maximum

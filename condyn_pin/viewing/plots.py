@@ -16,8 +16,7 @@ from condyn_pin._core.show import COLOURS, axes, labelled_axes, line
 from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.simulation.motion_balance import MotionBalance, motion_balance
-from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.simulation.trajectory import MotionBalance, Trajectory, motion_balance
 from condyn_pin.viewing.part import mode_colour
 
 _LEAST: Final = 1e-17  # where zero is drawn on a scale of logarithms

@@ -34,8 +34,8 @@ from condyn_pin.dynamics.scene import Scene, check_bilateral
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.model.mechanisms.chain import chain
-from condyn_pin.model.mechanisms.registry import rod
+from condyn_pin.model.mechanisms.machine import rod
+from condyn_pin.model.mechanisms.planar import chain
 from condyn_pin.model.robot import Robot
 from lab.extremes.contacts import CONTACT_EXTREMES, ContactExtreme
 

@@ -15,10 +15,8 @@ from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.projection import project_velocity
-from condyn_pin.model.mechanisms.chain import chain
-from condyn_pin.model.mechanisms.four_bar import four_bar
-from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
-from condyn_pin.model.mechanisms.registry import along_x, rod
+from condyn_pin.model.mechanisms.machine import along_x, rod
+from condyn_pin.model.mechanisms.planar import chain, four_bar, n_four_bar
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.simulation.integrators.rattle import Rattle

@@ -12,8 +12,8 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import z_along
 from condyn_pin._core.linalg import MinimumNorm, factorise
+from condyn_pin._core.models import z_along
 from condyn_pin._core.tolerances import REFERENCE_RANK
 from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.coupling import Coupling
@@ -27,12 +27,8 @@ from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.scene import Scene, motor_torque
 from condyn_pin.io.load import load_robot
 from condyn_pin.mechanism.projection import project_velocity
-from condyn_pin.model.mechanisms.bricard import bricard
-from condyn_pin.model.mechanisms.chain import chain
-from condyn_pin.model.mechanisms.delta import delta
-from condyn_pin.model.mechanisms.four_bar import four_bar
-from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
-from condyn_pin.model.mechanisms.stewart import stewart
+from condyn_pin.model.mechanisms.planar import chain, four_bar, n_four_bar
+from condyn_pin.model.mechanisms.spatial import bricard, delta, stewart
 from condyn_pin.model.robot import Robot
 from lab.extremes.base import (
     Case,

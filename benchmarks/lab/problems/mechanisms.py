@@ -19,7 +19,7 @@ from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.io.load import load_robot
-from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
+from condyn_pin.model.mechanisms.planar import n_four_bar
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.soundness import MOST_JOINTS
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince

@@ -8,7 +8,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin.contact import ADMM
-from condyn_pin.simulation.outcome import Effects
+from condyn_pin.simulation.motion_status import Effects
 from condyn_pin.simulation.plan import plan
 from condyn_pin.simulation.run import follow
 from condyn_pin.stepping import Anitescu, SoftStep

@@ -20,7 +20,6 @@ from condyn_pin.cli.output import (
 if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory
 
-PANEL = "Simulate"
 
 Friction = Annotated[
     float | None,
@@ -96,3 +95,6 @@ def _summary(found: Trajectory) -> dict[str, object]:
         "v": found.v[-1].tolist(),
         "machine": machine(),
     }
+
+
+COMMANDS = (simulate,)

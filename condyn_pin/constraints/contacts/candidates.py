@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.joints import z_along
+from condyn_pin._core.models import z_along
 from condyn_pin.constraints.constraint import plane
 from condyn_pin.constraints.contacts.meetings import ContactPoints, meetings
 from condyn_pin.constraints.contacts.shapes import Core, lengths_of

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from condyn_pin._core.joints import UNLIMITED, lengths
+from condyn_pin._core.models import UNLIMITED, lengths
 from condyn_pin.constraints.constraint import Constraint, Machine, MjcfGeomWriter, text
 from condyn_pin.constraints.contacts.contact import Contact, Mode, joint_named, not_held
 from condyn_pin.constraints.contacts.touches import BoundContact, BoundJointLimit

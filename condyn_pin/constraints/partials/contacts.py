@@ -26,8 +26,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import joints_with_turning_axes
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import joints_with_turning_axes, whole_data
 from condyn_pin.constraints.contacts.candidates import Candidates, Pairs
 from condyn_pin.constraints.contacts.shapes import Core, lengths_of, on_face, segments
 from condyn_pin.constraints.contacts.touches import (

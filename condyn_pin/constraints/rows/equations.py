@@ -23,9 +23,8 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array, Indices
-from condyn_pin._core.joints import axes, joints_with_turning_axes
 from condyn_pin._core.linalg import cholesky_pivots
-from condyn_pin._core.trees import algorithms, data_of, whole_data
+from condyn_pin._core.models import algorithms, axes, data_of, joints_with_turning_axes, whole_data
 from condyn_pin.constraints.drift import Baumgarte, gains
 from condyn_pin.constraints.forces import Load
 from condyn_pin.constraints.path import along_at

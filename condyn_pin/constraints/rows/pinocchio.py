@@ -39,7 +39,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
 from condyn_pin.constraints.forces import frame_jacobian
 from condyn_pin.constraints.rows.bound import Bound, BoundConstraint, PinocchioConstraint
 from condyn_pin.constraints.rows.equations import ROUNDED

@@ -55,7 +55,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices, read_only
 from condyn_pin._core.linalg import lapack
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
 from condyn_pin.constraints.rows.equations import ConstraintRows
 
 _EPS: Final = float(np.finfo(float).eps)

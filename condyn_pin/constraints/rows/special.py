@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.joints import lengths
+from condyn_pin._core.models import lengths
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.rows.bound import (
     COUPLING,

@@ -21,8 +21,6 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, ignore_float_errors
-from condyn_pin.control.qp.daqp import DAQP
-from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.qp_solver import (
     ORDINARY,
     BoundQP,
@@ -36,7 +34,7 @@ from condyn_pin.control.qp.qp_solver import (
     polish,
     start_from_active_set,
 )
-from condyn_pin.control.qp.quadprog import Quadprog
+from condyn_pin.control.qp.solvers import DAQP, ProxQP, Quadprog
 
 # Violations of rows below this are rounding [m/s^2]. What counts is tolerances.KKT.
 _AIM = 1e-12

@@ -27,7 +27,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_accuracy
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
 from condyn_pin.control.support import hull, level_floor, margin_of, touching_points
 from condyn_pin.control.tasks.task import (
     CAPTURE_POINT,

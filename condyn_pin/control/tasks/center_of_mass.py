@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
 from condyn_pin.control.tasks.task import (
     CENTER_OF_MASS,
     BoundTask,

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core.arguments import checked_names
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.joints import indices
+from condyn_pin._core.models import indices
 from condyn_pin.constraints.constraint import text
 from condyn_pin.control.tasks.task import (
     JOINT,

@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.joints import rotation_fault
+from condyn_pin._core.models import rotation_fault
 from condyn_pin.constraints.constraint import floats, unit
 from condyn_pin.constraints.places import set_frames
 from condyn_pin.control.tasks.task import (

@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import checked_names, normalised
 from condyn_pin._core.arrays import Array, entries, finite
-from condyn_pin._core.joints import indices
+from condyn_pin._core.models import indices
 from condyn_pin.control.tasks.task import (
     POSTURE,
     BoundTask,

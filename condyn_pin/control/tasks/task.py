@@ -41,7 +41,7 @@ from condyn_pin._core.arguments import (
     register,
 )
 from condyn_pin._core.arrays import Array, finite, text_of
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
 from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.forces import ALIGNED, frame_jacobian
 from condyn_pin.constraints.path import MinimumJerk

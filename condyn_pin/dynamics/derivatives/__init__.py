@@ -10,12 +10,14 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import Given
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.threads import single_threaded
+from condyn_pin._core.threads import one_blas_thread, single_threaded
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
-from condyn_pin.dynamics.derivatives.pinocchio import PinocchioDerivatives
+from condyn_pin.dynamics.derivatives.others import (
+    DifferenceDerivatives,
+    PinocchioDerivatives,
+    check_derivatives,
+)
 from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 from condyn_pin.dynamics.proof import failure
 from condyn_pin.dynamics.solution import Solution, Status

@@ -28,11 +28,9 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import joints_with_turning_axes
 from condyn_pin._core.linalg import ConstraintBasis, held_and_free, inverse_factor, lapack
-from condyn_pin._core.threads import of_workspace
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import joints_with_turning_axes, whole_data
+from condyn_pin._core.threads import of_workspace, one_blas_thread
 from condyn_pin.constraints.drift import Baumgarte, gains
 from condyn_pin.constraints.partials.rows import ConstraintPartials
 from condyn_pin.constraints.rows.bound import BoundConstraint

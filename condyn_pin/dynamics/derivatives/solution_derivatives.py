@@ -32,10 +32,9 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.jacobian import Block, Jacobian
-from condyn_pin._core.joints import Indices, axes, joints_with_turning_axes
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import Indices, axes, joints_with_turning_axes, whole_data
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.forces import AppliedForce, Loads, frame_jacobian, in_axes
 from condyn_pin.constraints.partials.motion import dual_cross
 from condyn_pin.constraints.rows.bound import BoundConstraint

@@ -9,8 +9,8 @@ import numpy as np
 
 from condyn_pin._core.arguments import WEIGHTS, Grid, check_damping
 from condyn_pin._core.arrays import Array, ignore_float_errors
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import range_space
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.dynamics.solvers.solver import BoundSolver, Singular, Solver, free_force
 from condyn_pin.dynamics.workspace import Workspace
 

@@ -10,8 +10,8 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_share
 from condyn_pin._core.arrays import Array, ignore_float_errors
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.dynamics.solvers.solver import BoundSolver, Singular, Solver, free_force
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidModel

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 from condyn_pin._core import _pin
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
 from condyn_pin.dynamics.at_state import raw_constraints, without_gravity
 from condyn_pin.dynamics.mu import WeightChoice
 from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected, Recursion

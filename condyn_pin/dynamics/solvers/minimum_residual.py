@@ -11,10 +11,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, ignore_float_errors
+from condyn_pin._core.models import whole_data
 from condyn_pin._core.tolerances import RANK, RUN_OF_MINRES
-from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.at_state import without_gravity
-from condyn_pin.dynamics.matrix_free import MatrixFreeSolver, inverse_delassus
+from condyn_pin.dynamics.recursion import MatrixFreeSolver, inverse_delassus
 from condyn_pin.dynamics.solvers.solver import BoundSolver, free_force
 from condyn_pin.dynamics.workspace import Workspace
 

@@ -37,11 +37,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import lapack
 from condyn_pin.dynamics.mu import FEW, MuAtState, default_accuracy, default_mu
 from condyn_pin.dynamics.nominal import NominalAnalysis
-from condyn_pin.dynamics.proof import (
-    OPEN_SQUARED,
-    Refinement,
-    fallback_off_manifold,
-)
+from condyn_pin.dynamics.proof import OPEN_SQUARED, Refinement, fallback_off_manifold
 from condyn_pin.dynamics.solvers.solver import BoundSolver, Singular, Solver
 
 if TYPE_CHECKING:

@@ -11,8 +11,8 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_count, check_share
 from condyn_pin._core.arrays import Array, ignore_float_errors
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import add, exact_residual, factorise
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.dynamics.solvers.solver import BoundSolver, Singular, Solver
 from condyn_pin.errors import InvalidModel

@@ -11,9 +11,9 @@ import numpy as np
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arguments import Grid
 from condyn_pin._core.arrays import Array, finite, ignore_float_errors
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import whiten
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.forces import frame_jacobian
 from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 from condyn_pin.dynamics.solution import Solution
@@ -221,7 +221,9 @@ class Soft(Solver):
         self, workspace: Workspace, solution: Solution, v: Array, tau: Array
     ) -> Derivatives:
         """Return derivatives of its `solution`, of compliant constraints, at v and tau."""
-        from condyn_pin.dynamics.derivatives.soft import SoftDerivatives  # a solve needs none of it
+        from condyn_pin.dynamics.derivatives.others import (
+            SoftDerivatives,  # a solve needs none of it
+        )
 
         w = workspace.bound.yields
         assert w is not None  # as `start` has made it

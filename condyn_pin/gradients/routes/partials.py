@@ -21,7 +21,7 @@ from scipy.linalg.lapack import dtrtrs
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.trees import algorithms, whole_data
+from condyn_pin._core.models import algorithms, whole_data
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.derivatives.kkt import Linearised

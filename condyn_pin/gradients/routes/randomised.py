@@ -12,7 +12,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Grid
 from condyn_pin._core.arrays import Array, Indices, finite
-from condyn_pin._core.joints import difference
+from condyn_pin._core.models import difference
 from condyn_pin.contact.problem import MODES
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.gradients.routes.linear_steps import LinearizedStep

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
@@ -26,7 +26,7 @@ from condyn_pin.gradients.routes.linear_steps import LinearizedStep
 from condyn_pin.gradients.routes.route import Chain, Route, check_parameters
 from condyn_pin.gradients.routes.step_derivatives import PARAMETERS, StepDerivatives
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.outcome import RunStatus
+from condyn_pin.simulation.motion_status import RunStatus
 from condyn_pin.simulation.records import Note, Remarks
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian

@@ -13,11 +13,11 @@ from importlib import import_module
 from pkgutil import iter_modules
 from typing import TYPE_CHECKING, Any
 
-from condyn_pin.model.mechanisms import registry
-from condyn_pin.model.mechanisms.registry import mechanism
+from condyn_pin.model.mechanisms import machine
+from condyn_pin.model.mechanisms.machine import mechanism
 
 if TYPE_CHECKING:
-    from condyn_pin.model.mechanisms.registry import MECHANISMS
+    from condyn_pin.model.mechanisms.machine import MECHANISMS
 
 __all__ = ["MECHANISMS", "mechanism"]
 
@@ -27,11 +27,11 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     for module in iter_modules(__path__):
         import_module(f"{__name__}.{module.name}")
-    in_order = sorted(registry.MECHANISMS.items(), key=_place)  # one may have been imported before
-    registry.MECHANISMS.clear()
-    registry.MECHANISMS.update(in_order)
-    globals()[name] = registry.MECHANISMS  # asked for once
-    return registry.MECHANISMS
+    in_order = sorted(machine.MECHANISMS.items(), key=_place)  # one may have been imported before
+    machine.MECHANISMS.clear()
+    machine.MECHANISMS.update(in_order)
+    globals()[name] = machine.MECHANISMS  # asked for once
+    return machine.MECHANISMS
 
 
 def _place(entry: tuple[str, Callable[..., Any]]) -> tuple[str, int]:

@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint import Vector3, check_positive, floats
-from condyn_pin.model.mechanisms.registry import LICENCE, mechanism, rod, source
+from condyn_pin.model.mechanisms.machine import LICENCE, mechanism, rod, source
 from condyn_pin.model.robot import Robot
 
 

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from math import cos, inf, sin
-from typing import Any, Final
+from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import register
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.loop import Loop
-from condyn_pin.model.mechanisms.registry import LICENCE, source
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.tree import DrawnJoint, DrawnTree
 
@@ -154,3 +154,76 @@ def quaternion_about(axis: Array, angle: float) -> Array:
 def on_circle(angle: float) -> Array:
     """Return a point of the unit circle in the x-y plane."""
     return np.array([cos(angle), sin(angle), 0.0])
+
+
+LICENCE: Final = "BSD-2-Clause (this project)"
+
+MECHANISMS: dict[str, Callable[[], Robot]] = {}
+
+Builder = TypeVar("Builder", bound=Callable[..., Robot])
+
+
+def mechanism(build: Builder) -> Builder:
+    """Enter a function into `MECHANISMS`; each of its parameters needs a default."""
+    name, by_default = build.__name__, cast(Callable[[], Robot], build)
+    register(MECHANISMS, name, by_default, f"a mechanism named {name}")
+    return build
+
+
+def source(name: str) -> str:
+    """Return the source of a mechanism, as its robot names it."""
+    return f"built in condyn_pin/model/mechanisms/{name}.py"
+
+
+def add_rod(model: Any, name: str, parent: int, at: float, length: float, mass: float) -> int:
+    """Add a slender rod that turns about -y, and a frame ``<name>_tip`` at its end.
+
+    Its angle counts from the x axis of the parent towards z.
+
+    Parameters
+    ----------
+    model : pin.Model
+        Written to.
+    name : str
+        Name of the joint.
+    parent : int
+        Joint that carries it; 0 for the world.
+    at : float
+        Its pivot, along x of the parent [m].
+    length : float
+        Length of the rod [m].
+    mass : float
+        Mass [kg].
+
+    Returns
+    -------
+    int
+        The joint.
+    """
+    axis = np.array([0.0, -1.0, 0.0])
+    joint = int(model.addJoint(parent, pin.JointModelRevoluteUnaligned(axis), along_x(at), name))
+    model.appendBodyToJoint(joint, rod(length, mass), pin.SE3.Identity())
+    model.addFrame(pin.Frame(f"{name}_tip", joint, 0, along_x(length), pin.FrameType.OP_FRAME))
+    return joint
+
+
+def along_x(x: float) -> Any:
+    """Return the placement of a frame that is shifted along x [m]."""
+    return pin.SE3(np.eye(3), np.array([x, 0.0, 0.0]))
+
+
+def rod(length: float, mass: float) -> Any:
+    """Return the inertia of a slender rod that lies along x from the origin: m L^2 / 12 across.
+
+    It is a thousandth of its length thick, so that no inertia is zero.
+    """
+    across = mass * length**2 / 12
+    return pin.Inertia(
+        mass, np.array([length / 2, 0.0, 0.0]), np.diag([1e-6 * across, across, across])
+    )
+
+
+def disc(radius: float, mass: float) -> Any:
+    """Return the inertia of a thin disc with its axle along y: m r^2 / 2, and half of it across."""
+    across = mass * radius**2 / 4
+    return pin.Inertia(mass, np.zeros(3), np.diag([across, 2 * across, across]))

@@ -15,9 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.rows import Native, Verb, run
-from condyn_pin._core.threads import ThreadCache
+from condyn_pin._core.threads import ThreadCache, one_blas_thread
 from condyn_pin._core.work import Arrays, Messages, Progress, silent
 from condyn_pin.constraints.contacts.contact import Contact
 from condyn_pin.constraints.drift import Baumgarte, Drift
@@ -44,9 +43,7 @@ from condyn_pin.simulation.batch.trajectory import (
     array_kinds,
     samples_in,
 )
-from condyn_pin.simulation.drift.no_drift import NoDrift
-from condyn_pin.simulation.drift.post_stabilization import PostStabilization
-from condyn_pin.simulation.gaps import uses_the_solver
+from condyn_pin.simulation.drift import NoDrift, PostStabilization, uses_the_solver
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
 from condyn_pin.simulation.integrators.integrator import Integrator
@@ -60,8 +57,14 @@ from condyn_pin.simulation.measures import (
     is_accurate,
     work,
 )
-from condyn_pin.simulation.motion_status import Course, judged_status
-from condyn_pin.simulation.outcome import MotionLimits, RunStatus, check_limits, uninterrupted
+from condyn_pin.simulation.motion_status import (
+    Course,
+    MotionLimits,
+    RunStatus,
+    check_limits,
+    judged_status,
+    uninterrupted,
+)
 from condyn_pin.simulation.plan import Plan, check_penetration, default_solver, plan
 from condyn_pin.simulation.records import ContactWork, Phase, touch_of
 from condyn_pin.simulation.run import LOST, HybridPhase, first_state, follow, is_lost

@@ -37,7 +37,7 @@ from condyn_pin.simulation.files import (
     write,
 )
 from condyn_pin.simulation.integrators.integrator import Integrator
-from condyn_pin.simulation.outcome import MotionLimits, Run, RunStatus
+from condyn_pin.simulation.motion_status import MotionLimits, Run, RunStatus
 from condyn_pin.simulation.records import (
     ContactRecord,
     Phase,

@@ -45,7 +45,7 @@ from typing import ClassVar, Literal, NamedTuple
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import register
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.errors import InvalidArgument, SolveFailed, StepFailed
 from condyn_pin.simulation.events import ContactEvent

@@ -28,9 +28,8 @@ from scipy.linalg.lapack import dposv
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import joints_with_turning_axes
 from condyn_pin._core.linalg import inverse
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import joints_with_turning_axes, whole_data
 from condyn_pin.dynamics.derivatives.solution_derivatives import Carried, in_series
 from condyn_pin.simulation.integrators.integrator import (
     Integrator,

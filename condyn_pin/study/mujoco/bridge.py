@@ -32,7 +32,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import HIGH, LOW, check_type, checked_names, listed
 from condyn_pin._core.arrays import Array, finite, finite_rows
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
 from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.mjcf import KINDS

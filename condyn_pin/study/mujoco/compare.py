@@ -22,9 +22,9 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import above_tolerance
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import whole_data
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import ConstraintViolation, Terms
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.scene import Scene

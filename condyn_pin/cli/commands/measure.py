@@ -1,4 +1,4 @@
-"""condyn trade: time against error, and the cheapest solver that meets an error."""
+"""Commands that measure: a timing of the main job, and time against error."""
 
 from __future__ import annotations
 
@@ -30,7 +30,51 @@ if TYPE_CHECKING:
     from condyn_pin.study.table import Table
     from condyn_pin.study.tables import Method
 
-PANEL = "Measure"
+SolversToBench = Annotated[
+    str,
+    typer.Option(
+        help="Comma-separated names of `condyn solvers`, or all; the main ones by default.",
+        autocompletion=arg.solver_names,
+    ),
+]
+
+
+def bench(
+    robots: arg.RobotNames = None,
+    quick: arg.Quick = False,
+    csv: arg.Csv = None,
+    as_json: arg.TableJson = None,
+    plot: arg.Plot = None,
+    native: Annotated[
+        bool, typer.Option("--native", help="Also time C++, if it is compiled.")
+    ] = False,
+    solvers: SolversToBench = "",
+) -> None:
+    """Time ABA, LCABA, proximal and dense KKT, with their errors, on the same states.
+
+    Ctrl-C keeps the scenes that were measured.
+    """
+    from condyn_pin.cli.words import solvers_of
+    from condyn_pin.study.bench import FULL, QUICK, ROBOTS
+    from condyn_pin.study.bench import bench as run
+    from condyn_pin.study.table import print_bench
+
+    chosen, effort = solvers_of(solvers), QUICK if quick else FULL
+    check_written(csv, as_json)
+    check_picture(plot)
+    table, stopped = until_stopped(
+        lambda progress: run(
+            robots or ROBOTS, solvers=chosen, effort=effort, native=native, progress=progress
+        )
+    )
+    print_bench(table, for_people(as_json))
+    write_table(table, csv=csv, as_json=as_json)
+    if plot and table.rows:
+        from condyn_pin.study.plots import save_bench
+
+        save_bench(table, plot)
+    exit_with_status(stopped=stopped)
+
 
 Measure = Annotated[
     str,
@@ -189,7 +233,7 @@ def _print_table(
 ) -> None:
     """Print a table, and write it to the files that are given."""
     from condyn_pin._core.files import write_text
-    from condyn_pin.study.printing import print_table
+    from condyn_pin.study.table import print_table
 
     print_table(table, for_people(as_json))
     write_table(table, csv=csv, as_json=as_json)
@@ -221,3 +265,9 @@ def _choose(table: Table, error: float, console: Console) -> bool:
             said, reached = f"{scene}: {reason}", False
         console.print(said, soft_wrap=True)
     return reached
+
+
+COMMANDS = (
+    bench,
+    trade,
+)

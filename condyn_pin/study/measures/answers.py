@@ -1,4 +1,4 @@
-"""Derivatives of the accelerations, against those at the answer of `Reference`."""
+"""Measures at one state: accelerations, constraint forces, derivatives, against `Reference`."""
 
 from __future__ import annotations
 
@@ -9,17 +9,90 @@ from typing import ClassVar
 
 import numpy as np
 
+from condyn_pin._core import _pin
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Grid
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.derivatives import METHODS
-from condyn_pin.dynamics.derivatives.differences import directions
+from condyn_pin.dynamics.derivatives.others import directions
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.solvers.lcaba import LCABA
+from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
 from condyn_pin.study.measures.measure import Answer, Measure, relative, solve_without_throw
+
+
+@dataclass(frozen=True)
+class AccelerationMeasure(Measure):
+    """The error of a, relative to the larger of |a|_inf and gravity.
+
+    Both ways to an answer are judged, `Workspace.acceleration` and `Workspace.solve`, and the
+    larger error counts: an answer that is right on the first call only is caught.
+    """
+
+    name: ClassVar[str] = "acceleration"
+
+    def truth(self, scene: Scene, state: State) -> Array:
+        """Return a by `Reference`."""
+        return Workspace(scene, Reference()).solve(*state, throw=False).a
+
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+        """Return the answer of a workspace's solver at a state."""
+        try:
+            hot = workspace.acceleration(*state)
+        except SolveFailed:
+            hot = np.full(workspace.model.nv, np.nan)
+        solution = workspace.solve(*state, accuracy=accuracy, throw=False)
+        gravity = workspace.scene.nominal.estimator.gravity
+        error = max(relative(a, truth, gravity) for a in (hot, solution.a))
+        return Answer.of(solution, error, accuracy)
+
+    def calls(self, workspace: Workspace) -> Mapping[str, Call]:
+        """Return the hot loop, the solve with its residuals, and Pinocchio's own call."""
+        calls: dict[str, Call] = {
+            "once": workspace.acceleration,
+            "solve": solve_without_throw(workspace),
+        }
+        if isinstance(workspace.solver, LCABA | Proximal):
+            call = _pin.lcaba() if isinstance(workspace.solver, LCABA) else pin.constraintDynamics
+            model, data = workspace.model, workspace.data
+            models, datas = workspace.constraint_models, workspace.constraint_datas
+            settings = workspace.proximal_settings
+            calls["bare"] = lambda q, v, tau: call(model, data, q, v, tau, models, datas, settings)
+        return calls
+
+
+@dataclass(frozen=True)
+class ForceMeasure(Measure):
+    """The error of J^T lam, relative to the larger of |J^T lam|_inf and the robot's weight.
+
+    J^T lam is unique even if rows are redundant; then lam itself is not, and has noise along them
+    without effect. The time is that of `Workspace.solve`, which returns lam.
+    """
+
+    name: ClassVar[str] = "forces"
+
+    def truth(self, scene: Scene, state: State) -> Array:
+        """Return J^T lam by `Reference` (nv,) [N, N m]."""
+        workspace = Workspace(scene, Reference())
+        lam = workspace.solve(*state, throw=False).lam
+        return workspace.jacobian(state[0]).T @ lam
+
+    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+        """Return the answer of a workspace's solver at a state."""
+        solution = workspace.solve(*state, accuracy=accuracy, throw=False)
+        force = workspace.jacobian(state[0]).T @ solution.lam
+        error = relative(force, truth, workspace.scene.nominal.weight)
+        # a status of ok speaks of a, and promises nothing of forces
+        return Answer.of(solution, error, promised=float("inf"))
+
+    def calls(self, workspace: Workspace) -> Mapping[str, Call]:
+        """Return the solve with its proof."""
+        return {"once": solve_without_throw(workspace)}
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""The contract of a force distribution, and how to write one.
+"""Force distributions: which of many contact forces and torques to choose, and how to write one.
 
 Where motors work against each other through contacts and loops, a motion leaves internal forces
 free,
@@ -29,9 +29,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.cones import ContactCones, placements
 from condyn_pin.control.qp.chain import ChainAnswer, SolverLadder
-from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.qp_solver import QPSolver, QuadraticProgram
-from condyn_pin.dynamics.solution import Sites
+from condyn_pin.control.qp.solvers import ProxQP
+from condyn_pin.dynamics.solution import Sites, upward
 from condyn_pin.errors import Infeasible
 
 DISTRIBUTIONS: dict[str, type[ForceDistribution]] = {}
@@ -127,3 +127,118 @@ def _missing_forces(answer: ChainAnswer, names: tuple[str, ...], mass: float) ->
         f"the floor cannot give this motion: at least {rows} would have to give; lean the robot, "
         "move more slowly, or ask for another acceleration"
     )
+
+
+@dataclass(frozen=True)
+class LeastNorm(ForceDistribution):
+    """The smallest forces within the cones, in the sum of squares of all rows [N, N m].
+
+    min |lam|^2    with  A lam <= 0
+
+    Parameters
+    ----------
+    cones : Cone or dict of str to Cone
+        One for all contacts that press on a floor, or one each by name.
+    """
+
+    title: ClassVar[str] = "smallest forces"
+
+    def measured(self, at: Sites, motors: int) -> Array:
+        """Return the rows of all forces."""
+        m = at.scene.rows
+        return np.hstack((np.zeros((m, motors)), np.eye(m)))
+
+
+@dataclass(frozen=True)
+class LeastTorque(ForceDistribution):
+    """The smallest torques of the motors with forces within the cones, in the sum of squares.
+
+    min |u|^2    with  A lam <= 0
+
+    Parameters
+    ----------
+    cones : Cone or dict of str to Cone
+        One for all contacts that press on a floor, or one each by name.
+    """
+
+    title: ClassVar[str] = "smallest torques"
+
+    def measured(self, at: Sites, motors: int) -> Array:
+        """Return the rows of all torques."""
+        return np.hstack((np.eye(motors), np.zeros((motors, at.scene.rows))))
+
+
+# How much of the largest margin the smallest forces may use up.
+_GIVEN = 1e-6
+
+
+@dataclass(frozen=True)
+class LargestMargin(LeastNorm):
+    """The forces with the largest smallest margin to their cones, and of these the smallest.
+
+    max t    with  A lam + t <= 0
+
+    Parameters
+    ----------
+    cones : Cone or dict of str to Cone
+        One for all contacts that press on a floor, or one each by name.
+    """
+
+    title: ClassVar[str] = "largest margin"
+
+    def margin(self, A: Array, y: Array, N: Array) -> float:
+        """Return the largest t that some forces have, by a linear program."""
+        # imported here: scipy.optimize takes as long to import as Pinocchio
+        from scipy.optimize import linprog
+
+        size = max(float(np.abs(y).max(initial=0.0)), np.finfo(float).tiny)
+        found = linprog(
+            np.concatenate((np.zeros(N.shape[1]), [-1.0])),
+            np.hstack((A @ N, np.ones((len(A), 1)))),
+            -(A @ y) / size,
+            bounds=(None, None),
+            method="highs",
+        )
+        largest = size * float(found.x[-1]) if found.status == 0 else 0.0
+        return largest - _GIVEN * size if largest > 0 else 0.0
+
+
+@dataclass(frozen=True)
+class CentredPressure(ForceDistribution):
+    """Forces along the normals, with their centres of pressure in the middle of the contacts.
+
+    It minimises the tangential forces of each contact, and its tipping moments divided by the
+    larger half of its size. Points have no moments.
+
+    Parameters
+    ----------
+    cones : Cone or dict of str to Cone
+        One for all contacts that press on a floor, or one each by name.
+
+    References
+    ----------
+    Righetti, Buchli, Mistry, Kalakrishnan, Schaal. Optimal distribution of contact forces with
+    inverse-dynamics control. International Journal of Robotics Research, 2013.
+    """
+
+    title: ClassVar[str] = "centred pressure"
+
+    def measured(self, at: Sites, motors: int) -> Array:
+        """Return the rows of tangential forces, and of moments over lengths."""
+        scene, up, rows = at.scene, upward(at.scene), []
+        forces = at.forces(np.zeros(scene.rows))
+        for contact, bound in zip(scene.constraints, scene.bounds, strict=True):
+            if contact.support is None:
+                continue
+            R = forces[bound.name].own.rotation
+            normal = R[:, 2] if contact.has_normal else up
+            flat = np.eye(3) - np.outer(normal, normal)
+            whole = np.array([bound.whole(row) for row in np.eye(bound.size)])
+            block = np.zeros((whole.shape[1], motors + scene.rows))
+            columns = slice(motors + bound.rows.start, motors + bound.rows.stop)
+            block[:3, columns] = flat @ R @ whole[:, :3].T
+            size = max(contact.support.half_length or 0.0, contact.support.half_width or 0.0)
+            if size:
+                block[3:, columns] = flat @ R @ whole[:, 3:].T / size
+            rows.append(block)
+        return np.vstack([np.zeros((0, motors + scene.rows)), *rows])
