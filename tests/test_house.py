@@ -10,6 +10,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Callable
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from types import FrameType
 
@@ -88,7 +89,7 @@ def control() -> Callable[[], object]:
 
 
 @pytest.mark.parametrize(
-    ("made", "most"), [(solve, 13), (derivatives, 18), (step, 29), (control, 25)]
+    ("made", "most"), [(solve, 13), (derivatives, 18), (step, 29), (control, 23)]
 )
 def test_a_warm_call_is_read_in_few_files(made, most):
     call = made()
@@ -107,8 +108,8 @@ def test_one_more_step_is_read_in_few_files():
     run(3)
     shorter, longer = run(8), run(9)
     more = Counter(longer) - Counter(shorter)
-    assert len(more) <= 7, sorted(more)
-    assert more.total() <= 21, more
+    assert len(more) <= 6, sorted(more)
+    assert more.total() <= 20, more
 
 
 # Where the residuals are evaluated.
@@ -219,6 +220,24 @@ def test_imports_stand_at_the_top():
         and (name, other) not in UPWARDS
     ]
     assert not needless, f"import these at the top: {needless}"
+
+
+def test_modules_import_in_no_circle():
+    """What a module imports at its top is read whole before it: faces of rooms fill on demand."""
+    trees = {
+        f"condyn_pin.{name[:-3].replace('/', '.')}": tree
+        for name, tree in parsed().items()
+        if not name.endswith("__init__.py")
+    }
+    modules = set(trees)
+    after = {
+        name: set().union(*(imported(node, modules) for node in tree.body), set())
+        for name, tree in trees.items()
+    }
+    try:
+        list(TopologicalSorter(after).static_order())
+    except CycleError as error:
+        pytest.fail(f"modules that import each other at their tops: {' -> '.join(error.args[1])}")
 
 
 # Words: a noun of the field is the subject, and verbs have objects.
