@@ -34,7 +34,7 @@ from condyn_pin.simulation.drift import DRIFTS
 from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.plan import plan
 from condyn_pin.simulation.run import follow
-from condyn_pin.simulation.torques import Passive
+from condyn_pin.simulation.torques import PassiveForces
 
 LOST = 1.0  # a loop that is open by so much is no loop [m]
 CORE, PYTHON = "condyn_pin, compiled", "condyn_pin"
@@ -83,7 +83,7 @@ class Problem:
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
             return np.inf, np.inf
         found = gauge_of(self.scene).measure(np.zeros(len(q)), q, v)  # nothing is driven
-        energy = found.kinetic + found.potential + Passive.of(self.scene.robot).energy(q)
+        energy = found.kinetic + found.potential + PassiveForces.of(self.scene.robot).energy(q)
         return float(found.violation.max()), float(np.abs(energy - energy[0]).max())
 
 

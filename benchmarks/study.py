@@ -32,7 +32,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.model.mechanisms.machine import add_rod
 from condyn_pin.simulation.drift import NoDrift
 from condyn_pin.simulation.integrators.explicit import RungeKutta4
-from condyn_pin.study.measures.measure import Answer, relative
+from condyn_pin.study.measures.measure import ComparedAnswer, relative
 
 GRAVITY = 9.81  # [m/s^2]
 
@@ -66,10 +66,12 @@ class ParallelogramMeasure(cp.study.AccelerationMeasure):
         s = scene.robot.model.inertias[scene.robot.model.getJointId("coupler")].mass
         return np.array([-GRAVITY * (1 + s) * np.cos(state[0][0]) / (2 / 3 + s)])
 
-    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+    def answer(
+        self, workspace: Workspace, state: State, truth: Array, accuracy: float
+    ) -> ComparedAnswer:
         """Return the answer, judged by the crank alone."""
         solution = workspace.solve(*state, accuracy=accuracy, throw=False)
-        return Answer.of(solution, relative(solution.a[:1], truth, 0.0), accuracy)
+        return ComparedAnswer.of(solution, relative(solution.a[:1], truth, 0.0), accuracy)
 
 
 @dataclass(frozen=True)
@@ -83,7 +85,9 @@ class BareDerivativeMeasure(cp.study.DerivativeMeasure):
 
     method: str = "pinocchio"
 
-    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+    def answer(
+        self, workspace: Workspace, state: State, truth: Array, accuracy: float
+    ) -> ComparedAnswer:
         """Return the answer of Pinocchio, copied."""
         solution = workspace.solve(*state, accuracy=accuracy, throw=False)
         model, data = workspace.model, workspace.data
@@ -94,7 +98,7 @@ class BareDerivativeMeasure(cp.study.DerivativeMeasure):
         parts = pin.computeConstraintDynamicsDerivatives(model, data, models, datas, fresh)
         pairs = zip(parts[:3], np.hsplit(truth, 3), strict=True)
         error = max(relative(found, true, 1.0) for found, true in pairs)
-        return Answer.of(solution, error, promised=np.inf)
+        return ComparedAnswer.of(solution, error, promised=np.inf)
 
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:
         """Return nothing: it is wrong, and not worth a time."""
@@ -151,12 +155,16 @@ class BricardMeasure(cp.study.TrajectoryMeasure):
         problem = lab.load_problem("A04")
         return np.array([problem.motion(self.duration)[0]])
 
-    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+    def answer(
+        self, workspace: Workspace, state: State, truth: Array, accuracy: float
+    ) -> ComparedAnswer:
         """Return the answer of a motion, judged by the first hinge alone."""
         motion = self._motion(workspace, state)
         error, status = float(abs(motion.q[-1, 0] - truth[0])), motion.status
         gap = float(motion.violation.max())
-        return Answer(error, "ok" if status.ok else status.name.lower(), 0.0, gap, len(motion.t))
+        return ComparedAnswer(
+            error, "ok" if status.ok else status.name.lower(), 0.0, gap, len(motion.t)
+        )
 
 
 # What is left of mu = 1e-2 after 200 iterations is below rounding.

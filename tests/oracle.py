@@ -35,7 +35,7 @@ import mpmath
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
+from condyn_pin.constraints.rows.bound import FRAME, POINT, BoundBetweenFrames
 from condyn_pin.constraints.rows.special import BoundRolling
 
 DIGITS = 50
@@ -181,7 +181,7 @@ class Oracle:
         for b in self.bounds:
             if isinstance(b, BoundRolling):
                 raise NotImplementedError(f"{b.name}: the oracle knows nothing that rolls")
-            if not isinstance(b, Bound):
+            if not isinstance(b, BoundBetweenFrames):
                 assert not b.bends
                 weights = [mp.mpf(w) for w in b.weights]
                 for found, x in ((velocity, v), (acceleration, a)):
@@ -329,7 +329,7 @@ def _revolve(base: Body, axis, c, s, v, a) -> Body:
     return base.turned(base.R @ axis, base.R @ turn(axis, c, s), v, a)
 
 
-def _slip(b: Bound, one: Body, two: Body):
+def _slip(b: BoundBetweenFrames, one: Body, two: Body):
     """The rows of one constraint, in the axes of c1, and their derivatives."""
     to_c1, r = one.R.T, two.p - one.p
     if b.selection == POINT:  # two points; classical accelerations

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from condyn_pin.contact import ContactProblem, ContactSets, contact_residuals, natural_residual
-from condyn_pin.contact.problem import OPEN, SLIDE, STICK, InModes
+from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactsInModes
 
 MU = 0.5
 NAMES = (
@@ -238,7 +238,7 @@ def test_equations_of_modes_and_their_partials(modes, law):
         X @ X.T / 15, rng.normal(size=15), friction, half_lines=1, limits=limits, law=law
     )
     lam, modes = rng.normal(size=15), np.array(modes)
-    found = InModes(problem, modes).at(lam)
+    found = ContactsInModes(problem, modes).at(lam)
     sigma = problem.velocities(lam)
     for i, mode in enumerate(modes):
         rows = slice(3 * i, 3 * i + 3) if i < 4 else 8 + i
@@ -257,7 +257,7 @@ def test_equations_of_modes_and_their_partials(modes, law):
 
     def slope(made):
         """Central difference of what is left, where made(+-h) is a problem and impulses."""
-        one, two = (InModes(of, modes).at(at).left for of, at in (made(h), made(-h)))
+        one, two = (ContactsInModes(of, modes).at(at).left for of, at in (made(h), made(-h)))
         return (one - two) / (2 * h)
 
     for unit, column, force in zip(

@@ -8,7 +8,7 @@ from shared import all_scenes, each_scene, relative, states
 
 import condyn_pin as cp
 from condyn_pin._core import _pin
-from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.bound import BoundBetweenFrames
 
 
 def equations(label: str):
@@ -45,7 +45,7 @@ def test_jacobian_equals_pinocchios(label):
     scene = all_scenes()[label]
     workspace = cp.Workspace(scene, cp.dynamics.Reference())
     q = states(label)[0][0]
-    if not all(isinstance(b, Bound) and b.is_plain for b in scene.bounds):
+    if not all(isinstance(b, BoundBetweenFrames) and b.is_plain for b in scene.bounds):
         return  # rows that Pinocchio does not have
     if not scene.rows:
         assert workspace.jacobian(q).shape == (0, scene.robot.nv)

@@ -10,7 +10,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.simulation.torques import Applied
+from condyn_pin.simulation.torques import AppliedTorques
 
 IMPLICIT = [
     cp.simulation.ImplicitMidpoint(), cp.simulation.LinearlyImplicitMidpoint(),
@@ -160,7 +160,7 @@ def test_differences_are_along_the_tangent():
     def tau(t, q, v):
         return 50.0 * pin.difference(model, q0, q) + D @ v
 
-    by_q, by_v = Applied(solo, tau).slopes(0.0, q, rng.normal(size=n))
+    by_q, by_v = AppliedTorques(solo, tau).slopes(0.0, q, rng.normal(size=n))
     wanted = 50.0 * pin.dDifference(model, q0, q, pin.ARG1)
     assert np.abs(by_q - wanted).max() < 1e-5
     assert np.abs(by_v - D).max() < 1e-6

@@ -13,7 +13,7 @@ from shared import CLOSED, all_scenes, axis_of, each_scene, robot
 import condyn_pin as cp
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.mechanism.closed_chains import chains_of
-from condyn_pin.mechanism.closing import Closer
+from condyn_pin.mechanism.closing import LoopCloser
 from lab.extremes import EXTREMES
 
 # rows, rank, mobility: counted by hand or taken from an independent engine
@@ -137,9 +137,9 @@ def test_samples_are_closed_moving_and_reproducible(label):
 
 def test_as_many_guesses_are_sampled_as_are_asked_for(monkeypatch):
     """Loops that leave no motion are closed by none at random, and the error is of the last."""
-    scene, guesses, ends = EXTREMES["near_loops"].case(1e-7).scene, [], Closer.ends
+    scene, guesses, ends = EXTREMES["near_loops"].case(1e-7).scene, [], LoopCloser.ends
     assert chains_of(scene).assembly_mode is not None
-    monkeypatch.setattr(Closer, "ends", lambda *args: guesses.append(args) or ends(*args))
+    monkeypatch.setattr(LoopCloser, "ends", lambda *args: guesses.append(args) or ends(*args))
     with pytest.raises(cp.errors.NotAssembled, match=r"none of 2 random .* is open by") as error:
         scene.sample(np.random.default_rng(0), tries=2)
     assert len(guesses) == 2

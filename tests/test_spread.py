@@ -12,7 +12,7 @@ from shared import relative, robot
 import condyn_pin as cp
 from condyn_pin.constraints.rows.pinocchio import NEARLY, ONE
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
-from condyn_pin.mechanism.closing import Closer
+from condyn_pin.mechanism.closing import LoopCloser
 from lab.extremes import EXTREMES
 from lab.extremes.verdicts import error_of, right_answers
 
@@ -65,8 +65,8 @@ def test_two_balls_are_a_hinge_however_near(solver, severity, monkeypatch):
     """
     case = EXTREMES["near_loops"].case(severity, 0)
     assert case.scene.nominal.closed
-    guesses, ends = [], Closer.ends
-    monkeypatch.setattr(Closer, "ends", lambda *args: guesses.append(args) or ends(*args))
+    guesses, ends = [], LoopCloser.ends
+    monkeypatch.setattr(LoopCloser, "ends", lambda *args: guesses.append(args) or ends(*args))
     solution = cp.solve(case.scene, case.q, case.v, case.tau, solver=solver, throw=False)
     held = right_answers(case)[0]
     assert error_of(case, solution.a, held) < max(1e-9, 1e-15 / severity)

@@ -18,7 +18,7 @@ from viewed import drawing
 import condyn_pin as cp
 from condyn_pin.model.springs import SpringDampers
 from condyn_pin.simulation.system import System, with_rows
-from condyn_pin.simulation.torques import Passive
+from condyn_pin.simulation.torques import PassiveForces
 from condyn_pin.study.fresh import fingerprint
 
 INTEGRATORS = cp.simulation.INTEGRATORS
@@ -105,7 +105,7 @@ def test_torques_are_the_slope_of_the_energy(kind):
     """tau = -dE/dq of the springs, and tau . v = -c l'^2 of the dampers, of every kind of joint."""
     made = sprung(kind)
     q, v, _ = state_of(made, 2)
-    passive = Passive.of(made)
+    passive = PassiveForces.of(made)
 
     def energy(step: np.ndarray) -> float:
         return float(passive.energy(np.array(pin.integrate(made.model, q, step))))
@@ -195,7 +195,7 @@ def test_a_stiff_spring_without_length_holds_sideways_too(integrator):
     tied = replace(made, spring_dampers=[cp.model.SpringDamper("middle", "world", 1e9)])
     q, v, _ = state_of(tied, 1)
     v = 0.1 * v  # else it would be thrown by half a million newton within a step
-    passive = Passive.of(tied)
+    passive = PassiveForces.of(tied)
     # from where the two coincide: the base is moved there by Newton's method
     for _ in range(50):
         at = passive.between.stretch(q)
@@ -411,7 +411,7 @@ def test_they_are_seen():
     found = drawing(cp.Scene(made), q)
     seen = {part.path: part for part in found.parts if part.path.startswith("springs/")}
     assert len(seen) == len(SPRINGS)
-    at = Passive.of(made).between.stretch(q)
+    at = PassiveForces.of(made).between.stretch(q)
     for part, length in zip(seen.values(), at.length, strict=True):
         T = part.place(found.instants[0])
         assert np.linalg.norm(T[:3, 2]) == pytest.approx(length)

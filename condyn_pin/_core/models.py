@@ -190,7 +190,7 @@ def _roots(model: Any) -> list[int]:
     return roots[1:]
 
 
-class Tree(NamedTuple):
+class ModelTree(NamedTuple):
     """One tree of a model, as a model of its own, and its indices in the whole."""
 
     model: Any
@@ -200,7 +200,7 @@ class Tree(NamedTuple):
     v: slice
 
 
-def trees_of(model: Any) -> Iterator[Tree]:
+def trees_of(model: Any) -> Iterator[ModelTree]:
     """Yield the trees of a model with contiguous joints, without armature."""
     # That is what steps change in a model, so that the model at hand has it.
     roots = [*_roots(model), model.njoints]
@@ -218,7 +218,7 @@ def trees_of(model: Any) -> Iterator[Tree]:
             tree.inertias[joint - first + 1] = model.inertias[joint]
         q, v = model.idx_qs[first], model.idx_vs[first]
         at_q, at_v = slice(q, q + tree.nq), slice(v, v + tree.nv)
-        yield Tree(tree, tree.createData(), slice(first, last), at_q, at_v)
+        yield ModelTree(tree, tree.createData(), slice(first, last), at_q, at_v)
         first = last
 
 
@@ -339,7 +339,7 @@ class Forest:
             place[:] = of_tree
 
 
-def _part(tree: Tree, arguments: tuple[Any, ...]) -> Iterator[Any]:
+def _part(tree: ModelTree, arguments: tuple[Any, ...]) -> Iterator[Any]:
     """Yield the arguments of one tree: its part of q, of vectors along v, and of joint wrenches."""
     for i, argument in enumerate(arguments):
         if isinstance(argument, np.ndarray):
@@ -357,7 +357,7 @@ def _part(tree: Tree, arguments: tuple[Any, ...]) -> Iterator[Any]:
 class _JointQuantity:
     """Quantity of each joint, read from the memory of its tree."""
 
-    def __init__(self, trees: list[Tree], name: str) -> None:
+    def __init__(self, trees: list[ModelTree], name: str) -> None:
         self._of = [
             partial(getattr(tree.data, name).__getitem__, joint)
             for tree in trees

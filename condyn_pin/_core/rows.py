@@ -24,16 +24,16 @@ from condyn_pin._core.show import Outcome, facts, notes, page
 from condyn_pin._core.work import (
     CAN_SHARE,
     Arrays,
-    InPlace,
+    InProcessTransport,
     Kernel,
     Kinds,
     Messages,
     PickleTransport,
     Processes,
     Progress,
-    Recipe,
     SharedMemoryTransport,
     Transport,
+    WorkspaceSource,
     cores,
     in_flight,
     rows_of,
@@ -56,7 +56,7 @@ _SHARES: Final = 16
 _SMALLER: Final = 5
 
 
-class Verb(ABC):
+class RowWork(ABC):
     """Work on the rows of a batch, by Python and by the compiled core; it pickles.
 
     Inputs with two axes have one row per state; with one, they are the same for all.
@@ -97,7 +97,7 @@ class Verb(ABC):
 class _Compiled:
     """Kernel of a verb in the compiled core; the rows that it leaves are Python's."""
 
-    verb: Verb
+    verb: RowWork
     threads: int
 
     def __call__(self, workspace: Any, inputs: Arrays, outputs: Arrays) -> Messages:
@@ -112,8 +112,9 @@ class _Compiled:
 
 
 def run(
-    verb: Verb, recipe: Recipe, inputs: Arrays, kinds: Kinds, batch: Callable[[Arrays], SomeBatch],
-    *, executor: Executor | Native | None, chunk: int | None, progress: Progress,
+    verb: RowWork, recipe: WorkspaceSource, inputs: Arrays, kinds: Kinds,
+    batch: Callable[[Arrays], SomeBatch], *,
+    executor: Executor | Native | None, chunk: int | None, progress: Progress,
 ) -> SomeBatch:  # fmt: skip
     """Return the `batch` that is made of the outputs of a verb, one row per state."""
     # The first of the `inputs` has a row per state. `kinds` are shape and type of a row of each
@@ -159,7 +160,7 @@ def run(
 
 
 def _by_core(
-    native: Native, verb: Verb, chunk: int | None, recipe: Recipe
+    native: Native, verb: RowWork, chunk: int | None, recipe: WorkspaceSource
 ) -> tuple[Kernel, Executor | None, int | None]:
     """Kernel, executor and chunk size of a verb: the core, or Python where that may be."""
     try:
@@ -187,12 +188,12 @@ def chunks_of(count: int, chunk: int | None, most: int) -> list[slice]:
 
 
 def _transport(
-    kernel: Kernel, recipe: Recipe, inputs: Arrays, outputs: Arrays, executor: Executor | None,
-    chunks: list[slice],
+    kernel: Kernel, recipe: WorkspaceSource, inputs: Arrays, outputs: Arrays,
+    executor: Executor | None, chunks: list[slice],
 ) -> Transport:  # fmt: skip
     """Transport to the workers of the executor, or within this process."""
     if executor is None:
-        return InPlace(kernel, recipe, inputs, outputs)
+        return InProcessTransport(kernel, recipe, inputs, outputs)
     made = recipe.pickled()
     if not isinstance(executor, ProcessPoolExecutor | Processes):
         return PickleTransport(kernel, made, inputs, outputs)

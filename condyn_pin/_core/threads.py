@@ -215,9 +215,9 @@ class ThreadCache(Generic[T]):
 
     def of(self, owner: object, arguments: object, make: Callable[[], T]) -> T:
         """Cached object of an owner and its `arguments`; made by `make` if missing."""
-        places: _Places | None = getattr(self._of_thread, "places", None)
+        places: _CacheKeys | None = getattr(self._of_thread, "places", None)
         if places is None:
-            self._of_thread.places = places = _Places()
+            self._of_thread.places = places = _CacheKeys()
         for place in reversed(places):
             if place.owner() is owner and place.arguments == arguments:
                 if place is not places[-1]:
@@ -226,7 +226,7 @@ class ThreadCache(Generic[T]):
                 return place.content  # type: ignore[no-any-return]
         made = make()
         places[:] = [place for place in places if place.owner()]
-        places.append(_Place(ref(owner), arguments))
+        places.append(_CacheKey(ref(owner), arguments))
         places[-1].keep(made)
         for place in places[: -self._most]:
             place.drop()
@@ -235,7 +235,7 @@ class ThreadCache(Generic[T]):
 
 
 @dataclass(eq=False)
-class _Place:
+class _CacheKey:
     """Key of a cached object, which is stored on its owner."""
 
     owner: ref[Any]
@@ -253,7 +253,7 @@ class _Place:
             del vars(owner)["_kept"][self]
 
 
-class _Places(list[_Place]):
+class _CacheKeys(list[_CacheKey]):
     """Cache keys of one thread, oldest first; their objects are dropped when the thread ends."""
 
     def __del__(self) -> None:

@@ -400,7 +400,7 @@ Arrays = dict[str, NDArray[Any]]
 
 
 @dataclass(frozen=True)
-class Address:
+class SharedAddress:
     """Address of shared arrays, for other processes of this machine."""
 
     path: str
@@ -434,7 +434,7 @@ class SharedArrays:
             os.close(self._file)
             raise
         path, inode = f"/proc/{os.getpid()}/fd/{self._file}", os.fstat(self._file).st_ino
-        self.address = Address(path, inode, dict(kinds))
+        self.address = SharedAddress(path, inode, dict(kinds))
 
     def close(self) -> None:
         """Close the arrays to processes that have not opened them yet."""
@@ -476,7 +476,7 @@ class WorkspaceFactory(Protocol):
         """Workspace of this thread, made at the first call."""
 
 
-class Recipe(WorkspaceFactory, Protocol):
+class WorkspaceSource(WorkspaceFactory, Protocol):
     """Source of the workspace in this process, which can be sent to workers."""
 
     def pickled(self) -> WorkspaceFactory:
@@ -501,7 +501,7 @@ class Transport(ABC):
         """Release the resources of the transport."""
 
 
-class InPlace(Transport):
+class InProcessTransport(Transport):
     """Transport within this process: no data is copied."""
 
     def __init__(
@@ -589,7 +589,11 @@ class PickleTransport(Transport):
 
 
 def _in_memory(
-    kernel: Kernel, recipe: WorkspaceFactory, address: Address, names: tuple[str, ...], rows: slice
+    kernel: Kernel,
+    recipe: WorkspaceFactory,
+    address: SharedAddress,
+    names: tuple[str, ...],
+    rows: slice,
 ) -> tuple[slice, Messages]:
     """Rows done by a process that shares memory with its parent; `names` are the inputs."""
     arrays = _shared_arrays_at(address)
@@ -599,7 +603,7 @@ def _in_memory(
 
 
 @lru_cache(maxsize=1)
-def _shared_arrays_at(address: Address) -> Arrays:
+def _shared_arrays_at(address: SharedAddress) -> Arrays:
     """Shared arrays of a batch, kept open from one chunk to the next."""
     return address.open()
 

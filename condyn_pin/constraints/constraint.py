@@ -137,10 +137,10 @@ class Constraint(GivenFields, ABC):
         """Number of rows of the constraint."""
 
     @abstractmethod
-    def bind(self, machine: Machine, rows: slice) -> BoundConstraint:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundConstraint:
         """Return the constraint bound to the joints and columns of a machine, at some rows."""
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundConstraint:
+    def bind_to_drive(self, machine: FramedModel, rows: slice) -> BoundConstraint:
         """Return the constraint bound so that J v = c' at any c, as `Driven` needs, or raise.
 
         InvalidConstraint where that is so at c = 0 alone. `machine` and `rows` are those of `bind`.
@@ -164,7 +164,7 @@ class Constraint(GivenFields, ABC):
         return False
 
     @abstractmethod
-    def sides(self, machine: Machine) -> tuple[int, ...]:
+    def sides(self, machine: FramedModel) -> tuple[int, ...]:
         """Return the numbers of the joints of a machine that it ties; 0 is the world."""
 
     @abstractmethod
@@ -298,7 +298,7 @@ def _has_numbers(value: Any) -> bool:
 # What constraints are bound to, and what they are written to.
 
 
-class Machine(Protocol):
+class FramedModel(Protocol):
     """A `pinocchio.Model` with frames by name, such as a `Robot`, to bind constraints to."""
 
     @property
@@ -508,7 +508,7 @@ class BetweenFrames(Constraint, ABC):
         """The two frames."""
         return self.frame_a, self.frame_b
 
-    def sides(self, machine: Machine) -> tuple[int, int]:
+    def sides(self, machine: FramedModel) -> tuple[int, int]:
         """Return the joints that carry the two frames."""
         return machine.frame(self.frame_a)[0], machine.frame(self.frame_b)[0]
 
@@ -517,7 +517,7 @@ class BetweenFrames(Constraint, ABC):
         return self.frame_a, self.frame_b, self.frame_b if swapped else self.frame_a
 
 
-def lever(machine: Machine, *placements: Any) -> float:
+def lever(machine: FramedModel, *placements: Any) -> float:
     """Size of the bodies that meet [m], as the distance between two points on them."""
     # A short lever turns rounding of the points into moments: 1/lever^2 enters the condition. A
     # frame near the middle of its joint says nothing about the size; then it is that of the robot's
@@ -544,7 +544,7 @@ class WithWorld(Constraint, ABC):
         """The frame."""
         return (self.frame,)
 
-    def sides(self, machine: Machine) -> tuple[int, int]:
+    def sides(self, machine: FramedModel) -> tuple[int, int]:
         """Return the joint that carries the frame, and 0."""
         return machine.frame(self.frame)[0], 0
 

@@ -16,7 +16,7 @@ from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import finite, text_of
 from condyn_pin.constraints.constraint import (
     Constraint,
-    Machine,
+    FramedModel,
     MjcfWriter,
     check_size,
     floats,
@@ -108,7 +108,7 @@ class Coupling(Constraint):
         """All its joints."""
         return (self.joint_a, self.joint_b) if isinstance(self.joint_a, str) else (*self.weights,)
 
-    def bind(self, machine: Machine, rows: slice) -> BoundCoupling:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundCoupling:
         """Return the coupling on the coordinates of its joints."""
         if self.joint_a == self.joint_b:
             raise InvalidConstraint(f"{self.name}: both joints are {self.joint_a!r}")
@@ -123,11 +123,11 @@ class Coupling(Constraint):
             ((), tuple(-k for k in self.higher)) if any(self.higher) else (),
         )
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundCoupling:
+    def bind_to_drive(self, machine: FramedModel, rows: slice) -> BoundCoupling:
         """Return the coupling as it is."""
         return self.bind(machine, rows)
 
-    def sides(self, machine: Machine) -> tuple[int, ...]:
+    def sides(self, machine: FramedModel) -> tuple[int, ...]:
         """Return the joints of the coupling."""
         for joint in self.joints:
             if joint not in machine.joints:
@@ -213,7 +213,7 @@ def _weights(given: Any) -> tuple[tuple[str, float], ...]:
     return tuple(zip(names, weights, strict=True))
 
 
-def one_coordinate(machine: Machine, name: str, of: str) -> Any:
+def one_coordinate(machine: FramedModel, name: str, of: str) -> Any:
     """Joint of the model with one coordinate, for a constraint of some name, or raise."""
     if name not in machine.joints:
         raise unknown_name("joint", name, machine.joints)

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 from condyn_pin._core.arrays import finite
-from condyn_pin.constraints.constraint import Constraint, Machine
+from condyn_pin.constraints.constraint import Constraint, FramedModel
 from condyn_pin.constraints.path import Along, check_along
-from condyn_pin.constraints.rows.bound import BoundConstraint, Drive
+from condyn_pin.constraints.rows.bound import BoundConstraint, RowPath
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 
 
@@ -92,10 +92,10 @@ class Driven(Constraint):
         """Number of rows of the constraint."""
         return self.constraint.rows
 
-    def bind(self, machine: Machine, rows: slice) -> BoundConstraint:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundConstraint:
         """Return the constraint bound, with driven rows."""
         bound: Any = self.constraint.bind_to_drive(machine, rows)
-        return replace(bound, name=self.name, drive=Drive(self.along, self.time))  # type: ignore[no-any-return]
+        return replace(bound, name=self.name, drive=RowPath(self.along, self.time))  # type: ignore[no-any-return]
 
     def at(self, t: float) -> Self:
         """Return the constraint at a time t [s]."""
@@ -106,7 +106,7 @@ class Driven(Constraint):
         """True: time enters the rows."""
         return True
 
-    def sides(self, machine: Machine) -> tuple[int, ...]:
+    def sides(self, machine: FramedModel) -> tuple[int, ...]:
         """Return the joints that the constraint ties."""
         return self.constraint.sides(machine)
 

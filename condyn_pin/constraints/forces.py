@@ -21,7 +21,7 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.models import algorithms, joints_with_turning_axes
-from condyn_pin.constraints.constraint import Machine, check_size
+from condyn_pin.constraints.constraint import FramedModel, check_size
 from condyn_pin.constraints.places import FrameLike, set_frames, short_frames
 from condyn_pin.errors import InvalidArgument
 
@@ -217,7 +217,7 @@ class Load(NamedTuple):
 class Loads:
     """Forces on the frames of one robot, or of any machine with frames; the data is written to."""
 
-    def __init__(self, robot: Machine, model: Any, data: Any) -> None:
+    def __init__(self, robot: FramedModel, model: Any, data: Any) -> None:
         self._robot, self.model, self.data = robot, model, data
         self._places: dict[str, ForceSite] = {}  # to look through all frames takes its time
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from condyn_pin._core.arrays import finite
-from condyn_pin.constraints.constraint import Constraint, Machine, MjcfWriter, check_size, text
+from condyn_pin.constraints.constraint import Constraint, FramedModel, MjcfWriter, check_size, text
 from condyn_pin.constraints.coupling import one_coordinate
 from condyn_pin.constraints.rows.special import BoundCoupling
 from condyn_pin.errors import unknown_name
@@ -60,17 +60,17 @@ class HeldJoint(Constraint):
         """The joint."""
         return (self.joint,)
 
-    def bind(self, machine: Machine, rows: slice) -> BoundCoupling:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundCoupling:
         """Return the constraint on the coordinate of its joint."""
         joint = one_coordinate(machine, self.joint, self.name)
         q, v = int(joint.idx_q), int(joint.idx_v)
         return BoundCoupling(self.name, rows, (q,), (v,), (1.0,), self.value)
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundCoupling:
+    def bind_to_drive(self, machine: FramedModel, rows: slice) -> BoundCoupling:
         """Return the constraint as it is."""
         return self.bind(machine, rows)
 
-    def sides(self, machine: Machine) -> tuple[int, ...]:
+    def sides(self, machine: FramedModel) -> tuple[int, ...]:
         """Return the joint and its parent."""
         if self.joint not in machine.joints:
             raise unknown_name("joint", self.joint, machine.joints)

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from condyn_pin.constraints.constraint import KINDS, Constraint, Machine
+from condyn_pin.constraints.constraint import KINDS, Constraint, FramedModel
 from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.errors import InvalidConstraint
 
@@ -45,7 +45,7 @@ def kinds_by_word(*, closes: bool) -> dict[str, type[Constraint]]:
     return {kind.word: kind for kind in own if kind.closes == closes}
 
 
-def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[BoundConstraint, ...]:
+def bind(robot: FramedModel, constraints: Sequence[Constraint]) -> tuple[BoundConstraint, ...]:
     """Bind constraints to a robot, rows in the order given.
 
     Where Pinocchio solves, every constraint is solved in the LOCAL frame with a moving joint
@@ -90,7 +90,7 @@ def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[BoundConstr
     return tuple(bound)
 
 
-def _check_axes(robot: Machine, constraint: Constraint) -> None:
+def _check_axes(robot: FramedModel, constraint: Constraint) -> None:
     """Refuse axes of a force that has none, and a frame of them that does not exist."""
     if not constraint.frames:
         raise InvalidConstraint(

@@ -8,7 +8,7 @@ from typing import ClassVar
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.constraint import (
     Axis,
-    Machine,
+    FramedModel,
     Vector3,
     check_axis,
     floats,
@@ -16,7 +16,7 @@ from condyn_pin.constraints.constraint import (
 )
 from condyn_pin.constraints.on_velocity import Nonholonomic
 from condyn_pin.constraints.places import FrameLike, set_frames
-from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.bound import BoundBetweenFrames
 
 
 @dataclass(frozen=True)
@@ -59,9 +59,9 @@ class KnifeEdge(Nonholonomic):
         object.__setattr__(self, "offset", floats("offset", self.offset, 3))
         self._set_name(self.frame)
 
-    def bind(self, machine: Machine, rows: slice) -> Bound:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundBetweenFrames:
         """Return the constraint with c1 at the point, in the axes of the frame."""
         joint, placement = machine.frame(self.frame)
         chosen = ("xyz".index(self.axis),)
         point, world = shifted_placement(placement, self.offset), pin.SE3.Identity()
-        return Bound(self.name, rows, joint, point, 0, world, chosen, anchored=False)
+        return BoundBetweenFrames(self.name, rows, joint, point, 0, world, chosen, anchored=False)

@@ -13,7 +13,7 @@ from condyn_pin.constraints.constraint import (
     Axis,
     Constraint,
     Foot,
-    Machine,
+    FramedModel,
     Patch,
     Placement,
     Support,
@@ -25,7 +25,7 @@ from condyn_pin.constraints.constraint import (
 )
 from condyn_pin.constraints.places import FrameLike, set_frames
 from condyn_pin.constraints.point_contact import PointContact, point_of
-from condyn_pin.constraints.rows.bound import FRAME, Bound
+from condyn_pin.constraints.rows.bound import FRAME, BoundBetweenFrames
 from condyn_pin.errors import InvalidArgument
 
 
@@ -100,12 +100,12 @@ class LineContact(WithWorld):
         )
         return front, back
 
-    def bind(self, machine: Machine, rows: slice) -> Bound:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundBetweenFrames:
         """Return the contact with c1 its frame and c2 the anchor, free to turn about the edge."""
         joint, placement = machine.frame(self.frame)
         place = pin.XYZQUATToSE3(np.array(self.anchor)) if self.anchor else pin.SE3.Identity()
         axis = "xyz".index(self.axis)
-        return Bound(
+        return BoundBetweenFrames(
             self.name, rows, joint, placement, 0, place, tuple(i for i in FRAME if i != 3 + axis),
             anchored=self.anchor is not None, axis=axis,
             lever=self.half_length or lever(machine, placement),

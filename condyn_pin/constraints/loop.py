@@ -31,7 +31,7 @@ from condyn_pin.constraints.constraint import (
     Axis,
     BetweenFrames,
     Constraint,
-    Machine,
+    FramedModel,
     MjcfWriter,
     check_axis,
     check_lengths,
@@ -39,7 +39,7 @@ from condyn_pin.constraints.constraint import (
 )
 from condyn_pin.constraints.driven import not_to_drive
 from condyn_pin.constraints.places import FrameLike, set_frames
-from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound, BoundConstraint
+from condyn_pin.constraints.rows.bound import FRAME, POINT, BoundBetweenFrames, BoundConstraint
 from condyn_pin.constraints.rows.frames import cross
 from condyn_pin.constraints.rows.special import BoundRelation, RelativePosition
 from condyn_pin.errors import InvalidArgument
@@ -185,7 +185,7 @@ class Loop(BetweenFrames):
             "rod": (),
         }[self.kind]
 
-    def bind(self, machine: Machine, rows: slice) -> BoundConstraint:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundConstraint:
         """Return the loop with c1 its first frame and c2 its second one.
 
         Where the first one is the world's they are exchanged, for rows that Pinocchio has: in the
@@ -197,12 +197,12 @@ class Loop(BetweenFrames):
         if self.kind == "universal":
             return BoundRelation(self.name, rows, *one, *two, Cross(self._axis, self._other_axis))
         length = nan if self.length is None else self.length
-        return Bound(
+        return BoundBetweenFrames(
             self.name, rows, *one, *two, self._selected, sign=sign, axis=self._axis, length=length,
             lever=lever(machine, one[1], two[1]),
         )  # fmt: skip
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundConstraint:
+    def bind_to_drive(self, machine: FramedModel, rows: slice) -> BoundConstraint:
         """Return a rod as it is, and pins as the position of frame a in the axes of frame b."""
         if self.kind == "rod":
             return self.bind(machine, rows)

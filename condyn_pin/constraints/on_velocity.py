@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Literal, Self, get_args
 import numpy as np
 
 from condyn_pin.constraints.constraint import (
-    Machine,
+    FramedModel,
     Vector3,
     WithWorld,
     check_positive,
@@ -45,7 +45,7 @@ class Nonholonomic(WithWorld, ABC):
         """True: some rows are on the velocity alone."""
         return True
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundConstraint:
+    def bind_to_drive(self, machine: FramedModel, rows: slice) -> BoundConstraint:
         """Return the constraint as it is: its rows are driven by the rate of a path."""
         return self.bind(machine, rows)
 
@@ -70,7 +70,7 @@ class OnPlane(Nonholonomic, ABC):
             object.__setattr__(self, "height", floats("height", [self.height], 1)[0])
 
     def _rolled(
-        self, machine: Machine, rows: slice, holds: tuple[int, ...], axle: int | None
+        self, machine: FramedModel, rows: slice, holds: tuple[int, ...], axle: int | None
     ) -> BoundRolling:
         ground = plane(self.normal, self.height)
         return BoundRolling(

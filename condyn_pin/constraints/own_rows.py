@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import Array, text_of
-from condyn_pin.constraints.constraint import Constraint, Machine, text
+from condyn_pin.constraints.constraint import Constraint, FramedModel, text
 from condyn_pin.constraints.rows.special import BoundOwn
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 
@@ -76,7 +76,7 @@ class OwnRows(Constraint):
         check_type("turns", self.turns, bool, "True or False is needed")
         self._set_name(self.name)
 
-    def bind(self, machine: Machine, rows: slice) -> BoundOwn:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundOwn:
         """Return the rows on all coordinates of a machine, J compared with the rate of c."""
         bound = BoundOwn(
             self.name, rows, machine.model, self.jacobian, self.violation, self.rate,
@@ -105,7 +105,7 @@ class OwnRows(Constraint):
                 "or leave it out for differences"
             )
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundOwn:
+    def bind_to_drive(self, machine: FramedModel, rows: slice) -> BoundOwn:
         """Return the rows as they are: J v is the rate of c everywhere."""
         return self.bind(machine, rows)
 
@@ -114,7 +114,7 @@ class OwnRows(Constraint):
         """True without a violation."""
         return self.violation is None
 
-    def sides(self, machine: Machine) -> tuple[int, ...]:
+    def sides(self, machine: FramedModel) -> tuple[int, ...]:
         """Return the world and all joints: any coordinate may be in a row."""
         return tuple(range(machine.model.njoints))
 

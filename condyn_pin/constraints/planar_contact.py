@@ -14,7 +14,7 @@ from condyn_pin.constraints.constraint import (
     THIN,
     USUAL,
     Foot,
-    Machine,
+    FramedModel,
     Patch,
     Support,
     Vector3,
@@ -25,7 +25,7 @@ from condyn_pin.constraints.constraint import (
     shifted_placement,
 )
 from condyn_pin.constraints.places import FrameLike, set_frames
-from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.bound import BoundBetweenFrames
 
 
 @dataclass(frozen=True)
@@ -78,10 +78,10 @@ class PlanarContact(WithWorld):
             object.__setattr__(self, "height", floats("height", [self.height], 1)[0])
         self._set_name(self.frame)
 
-    def bind(self, machine: Machine, rows: slice) -> Bound:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundBetweenFrames:
         """Return the contact with c1 the plane, z along its normal, and c2 the robot's point."""
         joint, placement = machine.frame(self.frame)
-        return Bound(
+        return BoundBetweenFrames(
             self.name, rows, 0, plane(self.normal, self.height),
             joint, shifted_placement(placement, self.offset), (2,),
             anchored=self.height is not None, sign=-1.0,

@@ -14,7 +14,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint import (
     Foot,
-    Machine,
+    FramedModel,
     Support,
     Vector3,
     WithWorld,
@@ -23,7 +23,7 @@ from condyn_pin.constraints.constraint import (
     shifted_placement,
 )
 from condyn_pin.constraints.places import FrameLike, set_frames
-from condyn_pin.constraints.rows.bound import POINT, Bound
+from condyn_pin.constraints.rows.bound import POINT, BoundBetweenFrames
 
 
 @dataclass(frozen=True)
@@ -70,13 +70,13 @@ class PointContact(WithWorld):
             object.__setattr__(self, "anchor", floats("anchor", self.anchor, 3))
         self._set_name(self.frame)
 
-    def bind(self, machine: Machine, rows: slice) -> Bound:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundBetweenFrames:
         """Return the contact with c1 at the point, in the frame's axes, and c2 at the anchor."""
         joint, placement = machine.frame(self.frame)
         place = pin.SE3.Identity()
         if self.anchor:
             place = pin.XYZQUATToSE3(np.array((*self.anchor, 0.0, 0.0, 0.0, 1.0)))
-        return Bound(
+        return BoundBetweenFrames(
             self.name, rows, joint, shifted_placement(placement, self.offset), 0, place, POINT,
             anchored=self.anchor is not None, lever=lever(machine, placement),
         )  # fmt: skip

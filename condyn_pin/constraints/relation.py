@@ -21,7 +21,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraint import BetweenFrames, Machine
+from condyn_pin.constraints.constraint import BetweenFrames, FramedModel
 from condyn_pin.constraints.rows.special import STENCIL, STEP, BoundRelation
 
 
@@ -65,11 +65,11 @@ class FrameRelation(BetweenFrames, ABC):
         """Flag of each row: angle, or else length."""
         return (False,) * self.rows
 
-    def bind(self, machine: Machine, rows: slice) -> BoundRelation:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundRelation:
         """Return the relation with c1 its first frame and c2 its second one."""
         one, two = machine.frame(self.frame_a), machine.frame(self.frame_b)
         return BoundRelation(self.name, rows, *one, *two, self)
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundRelation:
+    def bind_to_drive(self, machine: FramedModel, rows: slice) -> BoundRelation:
         """Return the relation as it is: W is the derivative of c everywhere."""
         return self.bind(machine, rows)

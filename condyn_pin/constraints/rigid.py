@@ -21,7 +21,7 @@ import numpy as np
 
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.constraint import Constraint, Machine
+from condyn_pin.constraints.constraint import Constraint, FramedModel
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.places import by_name, frame_text
@@ -39,7 +39,7 @@ _IGNORED: Final = {
 }
 
 
-def rigid_constraint(machine: Machine, rigid: Any, i: int) -> Constraint:
+def rigid_constraint(machine: FramedModel, rigid: Any, i: int) -> Constraint:
     """Constraint i of Pinocchio's as one of a machine, or InvalidConstraint."""
     name = rigid.name or f"constraint {i}"
     _check(machine.model, rigid, name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from condyn_pin.constraints.constraint import Foot, Machine, Support, Vector3
+from condyn_pin.constraints.constraint import Foot, FramedModel, Support, Vector3
 from condyn_pin.constraints.on_velocity import OnPlane
 from condyn_pin.constraints.places import FrameLike
 from condyn_pin.constraints.rows.special import BoundRolling
@@ -53,7 +53,7 @@ class RollingBall(OnPlane):
         self._check()
         self._set_name(self.frame)
 
-    def bind(self, machine: Machine, rows: slice) -> BoundRolling:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundRolling:
         """Return the constraint with c1 its frame, and c2 the plane."""
         return self._rolled(machine, rows, (0, 1, 2), axle=None)
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from condyn_pin.constraints.constraint import Axis, Machine, Support, Vector3, check_axis
+from condyn_pin.constraints.constraint import Axis, FramedModel, Support, Vector3, check_axis
 from condyn_pin.constraints.on_velocity import EVERY, Direction, OnPlane
 from condyn_pin.constraints.places import FrameLike
 from condyn_pin.constraints.rows.special import BoundRolling
@@ -70,7 +70,7 @@ class RollingWheel(OnPlane):
         """Number of rows: one for each direction."""
         return len(self.holds)
 
-    def bind(self, machine: Machine, rows: slice) -> BoundRolling:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundRolling:
         """Return the constraint with c1 its frame, and c2 the plane."""
         holds = tuple(EVERY.index(each) for each in self.holds)
         return self._rolled(machine, rows, holds, axle="xyz".index(self.axis))

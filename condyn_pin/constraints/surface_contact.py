@@ -13,7 +13,7 @@ from condyn_pin.constraints.constraint import (
     USUAL,
     Constraint,
     Foot,
-    Machine,
+    FramedModel,
     Patch,
     Placement,
     Support,
@@ -24,7 +24,7 @@ from condyn_pin.constraints.constraint import (
 )
 from condyn_pin.constraints.places import FrameLike, set_frames
 from condyn_pin.constraints.point_contact import PointContact, point_of
-from condyn_pin.constraints.rows.bound import FRAME, Bound
+from condyn_pin.constraints.rows.bound import FRAME, BoundBetweenFrames
 from condyn_pin.errors import InvalidArgument
 
 
@@ -95,11 +95,11 @@ class SurfaceContact(WithWorld):
             for corner, (x, y) in signs.items()
         )
 
-    def bind(self, machine: Machine, rows: slice) -> Bound:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundBetweenFrames:
         """Return the contact with c1 its frame, and c2 the anchor."""
         joint, placement = machine.frame(self.frame)
         place = pin.XYZQUATToSE3(np.array(self.anchor)) if self.anchor else pin.SE3.Identity()
-        return Bound(
+        return BoundBetweenFrames(
             self.name, rows, joint, placement, 0, place, FRAME,
             anchored=self.anchor is not None, lever=lever(machine, placement),
         )  # fmt: skip

@@ -44,7 +44,7 @@ from condyn_pin.contact.problem import (
     SLIDE,
     STICK,
     ContactProblem,
-    InModes,
+    ContactsInModes,
     Modes,
     contact_modes,
     islands,
@@ -395,7 +395,7 @@ def _continuum(
         return None
     small, unit = normalised(problem)
     lam_at_end = newton(small, np.asarray(lam / unit), _POLISH).lam
-    equations = InModes(small, modes).at(lam_at_end)
+    equations = ContactsInModes(small, modes).at(lam_at_end)
     A = equations.by_sigma.dot(small.G) + equations.by_lam
     if not np.isfinite(A).all():
         return None

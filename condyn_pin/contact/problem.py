@@ -488,7 +488,7 @@ def _places(k: int, m: int) -> Indices:
     return read_only(np.concatenate((of_cones.ravel(), of_rows.T.ravel())))
 
 
-class InModes:
+class ContactsInModes:
     """The equations of the contacts of a problem, each in the mode that it has."""
 
     def __init__(self, problem: ContactProblem, modes: Modes) -> None:

@@ -72,7 +72,7 @@ _SWEEPS, _STEPS, _RESIDUAL = 40, 30, 1e-13
 _GAINED: Final = 1e-9
 
 
-class Strike(NamedTuple):
+class ImpactAnswer(NamedTuple):
     """An impact, as a law of restitution answers it."""
 
     lam: Array  # (m,) impulses of the contacts that it answers; zero of all others [N s]
@@ -95,7 +95,7 @@ class RestitutionLaw(ABC):
 
     def strike(
         self, problem: ContactProblem, restitution: Array, *, always: bool = False
-    ) -> Strike:
+    ) -> ImpactAnswer:
         """Return the impulses of an impact where the law is not Newton's.
 
         Parameters
@@ -139,7 +139,7 @@ class RestitutionLaw(ABC):
             if answer.lam is not None:
                 lam[island.rows], apart[contacts] = answer.lam, True
                 natural = max(natural, answer.missed / problem.scale[1])
-        return Strike(lam, apart, natural, tuple(notes))
+        return ImpactAnswer(lam, apart, natural, tuple(notes))
 
     @property
     def _order(self) -> str:
@@ -250,7 +250,7 @@ class Energetic(RestitutionLaw):
 
     def strike(
         self, problem: ContactProblem, restitution: Array, *, always: bool = False
-    ) -> Strike:
+    ) -> ImpactAnswer:
         """Return the impulses of an impact where the law is not Newton's."""
         return super().strike(problem, restitution, always=always or self.chain)
 

@@ -435,7 +435,7 @@ def _with_motors(J: Array, actuation: Actuation) -> tuple[Array, NDArray[np.int_
 _ROUNDS = 2
 
 
-class Drive:
+class ActuationFactors:
     """The factors of [B J^T], from those of M and J.
 
     `rank` is that of (I - V V^T) L^-1 B, and `weakest` its smallest singular value within that

@@ -349,14 +349,14 @@ class _Posture(NamedTuple):
     Y: Array  # (nv, k) motions that neither the contacts nor the mass notice
 
 
-class _Ahead(NamedTuple):
+class _PressureAhead(NamedTuple):
     """Farthest pressure ahead [m], and the motors that hold it back."""
 
     p: float
     motors: set[str]
 
 
-class Brake:
+class BrakingRobot:
     """A robot that brakes its mass along one direction as well as it can."""
 
     def __init__(
@@ -432,7 +432,7 @@ class Brake:
             q = pin.integrate(self._model, q, factors.solve(self._still, off)[0])
         return None
 
-    def _farthest(self, at: _Posture) -> _Ahead | None:
+    def _farthest(self, at: _Posture) -> _PressureAhead | None:
         """Return the farthest pressure ahead; None if nothing holds the robot."""
         # imported here: scipy.optimize takes as long to import as Pinocchio
         from scipy.optimize import linprog
@@ -462,7 +462,7 @@ class Brake:
             return None
         gain = np.abs(found.ineqlin.marginals[len(A) :]) * np.abs(most[ends])
         held = ends[gain > _NOTICED] % len(L)
-        return _Ahead(float(found.x[first - 1]), {self._limits.names[i] for i in held})
+        return _PressureAhead(float(found.x[first - 1]), {self._limits.names[i] for i in held})
 
     def _center(self, q: Array) -> Array:
         return np.array(pin.centerOfMass(self._model, whole_data(self._model), q))
@@ -639,7 +639,7 @@ def push_bound(
     q_ = scene.robot.arguments.configuration("q", q)
     floor = level_floor(Sites(scene, q_))
     along = floor.axes[:2].T @ along_plane(floor.axes[:2], way)
-    brake = Brake(
+    brake = BrakingRobot(
         scene=anchored(scene, q_),
         q=q_,
         floor=floor,

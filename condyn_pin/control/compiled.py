@@ -26,7 +26,7 @@ from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.answer import ControlAnswer, ControlResiduals, ControlStatus, active_rows
 from condyn_pin.control.hierarchy import DECIDED, SLACK, STRICTLY
 from condyn_pin.control.program import Program
-from condyn_pin.control.qp.qp_solver import Polished
+from condyn_pin.control.qp.qp_solver import PolishedAnswer
 from condyn_pin.control.tasks.task import BoundTask, CompiledTask, Task
 from condyn_pin.dynamics.compiled import of_model, of_rows, why_not_rows
 from condyn_pin.dynamics.scene import Scene
@@ -250,7 +250,7 @@ class CompiledTick:
             notices=notices,
         )
 
-    def begin_from(self, answers: Sequence[Polished | None]) -> None:
+    def begin_from(self, answers: Sequence[PolishedAnswer | None]) -> None:
         """Begin the next tick from the active sets of an answer by Python, level after level."""
         self._sides[:] = 0
         for sides, answer in zip(self._sides, answers, strict=False):

@@ -23,10 +23,10 @@ from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.control.answer import ControlAnswer, verdict
 from condyn_pin.control.cones import ContactCones
 from condyn_pin.control.hierarchy import Cascade, Hierarchy, Level, check_tasks, weighted
-from condyn_pin.control.limits import ControlLimits, Settings
+from condyn_pin.control.limits import ControllerSettings, ControlLimits
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.chain import ChainAnswer
-from condyn_pin.control.qp.qp_solver import Constraints, Polished, QPSolver, QuadraticProgram
+from condyn_pin.control.qp.qp_solver import Constraints, PolishedAnswer, QPSolver, QuadraticProgram
 from condyn_pin.control.qp.solvers import DAQP, ProxQP
 from condyn_pin.control.tasks.task import Task
 from condyn_pin.dynamics.scene import Scene, check_at_all_times, check_bilateral, check_scene
@@ -127,7 +127,7 @@ class Controller(OneThread):
             )
         limits = ControlLimits() if limits is None else limits
         stiff = checked_names("rigid", rigid, scene.robot.joints, "joint")
-        self._settings = Settings(
+        self._settings = ControllerSettings(
             cones=cones,
             qp=qp,
             limits=limits,
@@ -331,7 +331,7 @@ class PythonTick:
         self._cascade, self._arguments = cascade, arguments
         self._still = np.zeros(scene.robot.nv)
         # the last answer of each level with its active set, of those that were asked for
-        self.polished: list[Polished | None] = []
+        self.polished: list[PolishedAnswer | None] = []
 
     @one_blas_thread
     def solve(self, q: Array, v: Array, t: float, passive: Array) -> ControlAnswer:
@@ -441,10 +441,10 @@ def at_rate(
         )
     if watch is not None:
         check_called("watch", watch, "answer")
-    return _Held(controller, float(period), watch)
+    return _HeldAnswer(controller, float(period), watch)
 
 
-class _Held:
+class _HeldAnswer:
     """A controller, and the answer that is applied until its next tick."""
 
     def __init__(

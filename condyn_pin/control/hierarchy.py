@@ -36,7 +36,7 @@ from condyn_pin._core.arrays import Array, Indices, entries
 from condyn_pin._core.linalg import null_space, rank_of
 from condyn_pin.control.qp.chain import ChainAnswer, SolverLadder
 from condyn_pin.control.qp.qp_solver import Constraints, QPSolver, QuadraticProgram, peak
-from condyn_pin.control.tasks.task import DefaultReference, Motion, Task
+from condyn_pin.control.tasks.task import DefaultReference, RobotMotion, Task
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 
@@ -260,7 +260,7 @@ WISH, JOINT, MOTOR, FLOOR, LAW = 1.0, 1e1, 1e2, 1e3, np.inf
 
 
 @dataclass(frozen=True, eq=False)
-class Row:
+class TaskRow:
     """Name, unit, scale and cost of a row of the program.
 
     Attributes
@@ -279,7 +279,7 @@ class Row:
     cost: float
 
 
-class Rows(NamedTuple):
+class TaskRows(NamedTuple):
     """Rows of tasks: G x = b, as far as they can be had."""
 
     # G (r, c), b (r,): over the first c unknowns; the others have no part in them
@@ -294,7 +294,7 @@ class Rows(NamedTuple):
 class Level(NamedTuple):
     """Rows of tasks and what they count: w |G x - b|^2."""
 
-    rows: Rows
+    rows: TaskRows
     weights: Array  # (r,)
     changing: slice | Indices  # the rows of G that change from tick to tick
     W: Array  # (s, n) their weights, for each of their entries; not to be written to
@@ -315,12 +315,12 @@ class Stack:
         self.bound = [each for each in bound if each[1].over == "accelerations"]
         self.bound += [each for each in bound if each[1].over == "forces"]
         self.tasks: dict[str, slice] = {}
-        self.rows: list[Row] = []
+        self.rows: list[TaskRow] = []
         weights: list[float] = []
         of_a = 0
         for task, each in self.bound:
             start = len(self.rows)
-            self.rows += [Row(name, each.unit, 1.0, WISH) for name in each.names]
+            self.rows += [TaskRow(name, each.unit, 1.0, WISH) for name in each.names]
             weights += [task.weight] * len(each.names)
             self.tasks[task.name] = slice(start, len(self.rows))
             of_a = len(self.rows) if each.over == "accelerations" else of_a
@@ -351,7 +351,7 @@ class Stack:
         nv = self._J.shape[1]
         return sum((w * J.T @ J for w, J in fixed), np.zeros((nv, nv)))
 
-    def at(self, motion: Motion, t: float) -> tuple[Array, Array, Array]:
+    def at(self, motion: RobotMotion, t: float) -> tuple[Array, Array, Array]:
         """Return rows of accelerations (r, nv), of forces (s, m), and what they want (r + s,)."""
         # They are in the memory of this object: the next call overwrites them.
         for name, each, J, b in self._places:

@@ -24,7 +24,7 @@ from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.constraints.places import FrameLike, frame_text
-from condyn_pin.control.actuation import Actuation, Drive, motors_of
+from condyn_pin.control.actuation import Actuation, ActuationFactors, motors_of
 from condyn_pin.control.distribution import ForceDistribution
 from condyn_pin.control.limits import TorqueLimits
 from condyn_pin.dynamics.at_state import State, at_state, frame_jacobian, load_on
@@ -107,7 +107,7 @@ def inverse_dynamics(
     if applied:
         extra = extra + load_on(scene, state.q, applied).torque
     wanted, missing = _nearest_allowed(state, asked, extra)
-    drive = Drive(factors, terms.J, actuation.B)
+    drive = ActuationFactors(factors, terms.J, actuation.B)
     u, lam, residual = drive.share(missing)
     null_space = drive.null_space()
     if distribution is not None:

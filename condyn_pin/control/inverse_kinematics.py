@@ -50,14 +50,14 @@ from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.control.qp.chain import SolverLadder
 from condyn_pin.control.qp.qp_solver import QPSolver, QuadraticProgram
 from condyn_pin.control.qp.solvers import DAQP
-from condyn_pin.control.tasks.task import BoundTask, Motion, Tracking
+from condyn_pin.control.tasks.task import BoundTask, RobotMotion, Tracking
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument, TargetsNotReached
 from condyn_pin.mechanism.assembling import assemble_from, check_held, nominal_configuration
 from condyn_pin.mechanism.closed_chains import chains_of
-from condyn_pin.mechanism.closing import Assembly, Closer, anchored
+from condyn_pin.mechanism.closing import Assembly, LoopCloser, anchored
 from condyn_pin.model.joints import NO_LIMITS
 
 _LONGEST: Final = 0.4  # move of any joint in one step [rad, m]
@@ -244,7 +244,7 @@ def solve_ik(
         posture = described_posture(scene, posture)
     goal = None if posture is None else normalised(robot.model, "posture", posture)
     bare = anchored(bare, start)
-    closer = Closer.of(bare, moving, limits)
+    closer = LoopCloser.of(bare, moving, limits)
     search = _Search(bare, _bound(bare, targets, time), closer, qp)
     rng = np.random.default_rng(0)
     best: InverseKinematics | None = None
@@ -299,7 +299,7 @@ def _bound(
     return bound
 
 
-class _Place(NamedTuple):
+class _ClosedConfiguration(NamedTuple):
     """A configuration with closed loops, J (r, nv) of their gaps, e (s,) and E (s, nv)."""
 
     q: Array
@@ -308,7 +308,7 @@ class _Place(NamedTuple):
     E: Array
 
 
-def _met(here: _Place) -> bool:
+def _met(here: _ClosedConfiguration) -> bool:
     return float(np.abs(here.e).max()) <= tolerances.TARGET
 
 
@@ -316,10 +316,14 @@ class _Search:
     """The search from one start after the other: tasks, loops and limits of one problem."""
 
     def __init__(
-        self, scene: Scene, tasks: dict[str, tuple[BoundTask, float]], closer: Closer, qp: QPSolver
+        self,
+        scene: Scene,
+        tasks: dict[str, tuple[BoundTask, float]],
+        closer: LoopCloser,
+        qp: QPSolver,
     ) -> None:
         self._scene, self._tasks, self._closer = scene, tasks, closer
-        self._motion = Motion(scene, equations_of(scene))
+        self._motion = RobotMotion(scene, equations_of(scene))
         self._ladder = SolverLadder(qp)
         weights = [np.full(len(task.names), weight) for task, weight in tasks.values()]
         every = np.concatenate(weights)
@@ -336,18 +340,18 @@ class _Search:
             here = self._towards_posture(here, posture, steps)
         return self._answer(here, status, iterations)
 
-    def _place(self, q: Array, J: Array) -> _Place:
+    def _place(self, q: Array, J: Array) -> _ClosedConfiguration:
         """Targets at a configuration with closed loops; J is that of all rows."""
         self._motion.move(q, np.zeros(self._scene.robot.nv))
         rows = [task.rows(self._motion, 0.0) for task, _ in self._tasks.values()]
         E, e = np.vstack([E for E, _ in rows]), np.concatenate([e for _, e in rows])
-        return _Place(q, J[self._closer.rows], e, E)
+        return _ClosedConfiguration(q, J[self._closer.rows], e, E)
 
     def miss(self, e: Array) -> float:
         """|e|, weighted."""
         return _size(self._root * e)
 
-    def _weighted(self, here: _Place) -> tuple[Array, Array]:
+    def _weighted(self, here: _ClosedConfiguration) -> tuple[Array, Array]:
         """Rows e and E, times the roots of their weights."""
         return self._root * here.e, self._root[:, None] * here.E
 
@@ -359,7 +363,9 @@ class _Search:
         Z[moving] = basis.T
         return Z
 
-    def _towards_targets(self, here: _Place, steps: int) -> tuple[_Place, IKStatus, int]:
+    def _towards_targets(
+        self, here: _ClosedConfiguration, steps: int
+    ) -> tuple[_ClosedConfiguration, IKStatus, int]:
         """Configuration nearest to the targets."""
         nu = _DAMPING
         for iteration in range(steps):
@@ -390,7 +396,9 @@ class _Search:
         status = IKStatus.REACHED if _met(here) else IKStatus.OUT_OF_STEPS
         return here, status, steps
 
-    def _towards_posture(self, here: _Place, posture: Array, steps: int) -> _Place:
+    def _towards_posture(
+        self, here: _ClosedConfiguration, posture: Array, steps: int
+    ) -> _ClosedConfiguration:
         """Configuration nearest to a posture among those with the targets where they are."""
         model, moving = self._scene.robot.model, self._closer.moving
         damping = 1e-3
@@ -425,14 +433,14 @@ class _Search:
         longest = float(np.abs(dq).max(initial=0.0))
         return dq if longest <= _LONGEST else dq * (_LONGEST / longest)
 
-    def _closed(self, q: Array, dq: Array) -> _Place | None:
+    def _closed(self, q: Array, dq: Array) -> _ClosedConfiguration | None:
         """Configuration after a step, its loops closed again; None if they stay open."""
         moved = np.array(pin.integrate(self._scene.robot.model, q, dq))
         self._closer.limits.clip(moved)
         end = self._closer.close(moved, most=_CLOSING)
         return self._place(end.q, end.J) if end.size <= tolerances.CLOSED else None
 
-    def _held(self, here: _Place, dq: Array) -> _Place | None:
+    def _held(self, here: _ClosedConfiguration, dq: Array) -> _ClosedConfiguration | None:
         """Configuration after a step with loops and targets as they were; None if that fails."""
         there = self._closed(here.q, dq)
         for _ in range(_HOLDING):
@@ -462,7 +470,9 @@ class _Search:
         """Mask of the limits that joints are at."""
         return np.logical_or(*self._stops(q))
 
-    def _lower(self, here: _Place, carries: NDArray[np.bool_]) -> _Place | None:
+    def _lower(
+        self, here: _ClosedConfiguration, carries: NDArray[np.bool_]
+    ) -> _ClosedConfiguration | None:
         """Nearer configuration along the most negative curvature where the gradient is zero."""
         stops = np.eye(len(here.E.T))[self._closer.limits.iv[carries]]
         Z = self._free(np.vstack((here.J, stops)))
@@ -483,13 +493,13 @@ class _Search:
                 return lower
         return None
 
-    def _errors(self, here: _Place) -> dict[str, Array]:
+    def _errors(self, here: _ClosedConfiguration) -> dict[str, Array]:
         """Target minus actual, by task."""
         sizes = [len(task.names) for task, _ in self._tasks.values()]
         parts = np.split(here.e, np.cumsum(sizes)[:-1])
         return dict(zip(self._tasks, parts, strict=True))
 
-    def _carried(self, here: _Place) -> tuple[float, NDArray[np.bool_]]:
+    def _carried(self, here: _ClosedConfiguration) -> tuple[float, NDArray[np.bool_]]:
         """Gradient along the motions that loops leave, less what joints at limits carry; and which.
 
         The second is a mask of the limits.
@@ -510,7 +520,11 @@ class _Search:
         return float(slope), carries
 
     def _answer(
-        self, here: _Place, status: IKStatus, iterations: int, assembly: Assembly | None = None
+        self,
+        here: _ClosedConfiguration,
+        status: IKStatus,
+        iterations: int,
+        assembly: Assembly | None = None,
     ) -> InverseKinematics:
         limits, stops = self._closer.limits, self._stopped(here.q)
         names = dict.fromkeys(limits.joints[i] for i in np.flatnonzero(stops))

@@ -290,7 +290,7 @@ def _or_infinite(limit: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Settings:
+class ControllerSettings:
     """Arguments of a `Controller` but for scene and tasks; each is as its docstring says."""
 
     cones: Cones

@@ -34,10 +34,10 @@ from condyn_pin._core.arrays import Array, entries
 from condyn_pin._core.models import indices
 from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
+from condyn_pin.constraints.rows.redundancy import Redundancy, RedundantRows
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.cones import ContactCones
-from condyn_pin.control.hierarchy import FLOOR, JOINT, LAW, MOTOR, Level, Row, Rows, Stack
+from condyn_pin.control.hierarchy import FLOOR, JOINT, LAW, MOTOR, Level, Stack, TaskRow, TaskRows
 from condyn_pin.control.limits import (
     AccelerationBounds,
     ControlLimits,
@@ -45,7 +45,7 @@ from condyn_pin.control.limits import (
     locked_velocity,
 )
 from condyn_pin.control.qp.qp_solver import Constraints, Elastic, peak
-from condyn_pin.control.tasks.task import DefaultReference, Motion, Task
+from condyn_pin.control.tasks.task import DefaultReference, RobotMotion, Task
 from condyn_pin.dynamics.at_state import with_redundancy
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -64,9 +64,9 @@ class Program:
 
     # combinations of the held rows that were left out in the last tick; None if they were closed,
     # and stayed so
-    left_out: LeftOut | None = None
+    left_out: RedundantRows | None = None
     passive: Array  # (nv,) torques that act anyway, in the last tick
-    _asked: list[tuple[Stack, Rows]]  # by the tasks of the last tick
+    _asked: list[tuple[Stack, TaskRows]]  # by the tasks of the last tick
 
     def __init__(
         self,
@@ -82,7 +82,7 @@ class Program:
     ) -> None:
         self._scene, robot = scene, scene.robot
         self.cones, self.equations = cones, equations
-        self.motion = Motion(scene, equations)  # at the state of the last tick
+        self.motion = RobotMotion(scene, equations)  # at the state of the last tick
         self.mass = robot.mass  # of the robot [kg]
         self._regularisation = regularisation
         self.actuation, self._touching = actuation, entries(cones.touching)
@@ -138,7 +138,7 @@ class Program:
         self.equations.at(t)
         return self.equations.violation(q)[self.cones.held]
 
-    def _left_out(self, gaps: Array) -> LeftOut | None:
+    def _left_out(self, gaps: Array) -> RedundantRows | None:
         """Combinations of held rows that are left out, or contradict the others as they move."""
         if self._redundancy is None:
             return None
@@ -186,11 +186,11 @@ class Program:
             terms, terms.h - self.passive, E, r_l, terms.J[touching], wanted[touching], self.mass
         )
 
-    def _rows(self, stack: Stack, t: float) -> Rows:
+    def _rows(self, stack: Stack, t: float) -> TaskRows:
         """Return the rows of tasks, over x."""
         at = self._at
         if not stack.rows:
-            return Rows(self._none, stack.weights)
+            return TaskRows(self._none, stack.weights)
         J, F, b = stack.at(self.motion, t)
         if len(F) and F[:, self.cones.held].any():
             raise InvalidArgument(
@@ -204,7 +204,7 @@ class Program:
             k, m = at.touch.shape[1], len(at.touch)
             G = np.vstack((np.hstack((G, np.zeros((len(J), m)))), np.zeros((len(F), k + m))))
             G[len(J) :, k:] = self.mass * F[:, self.cones.touching]
-        rows = Rows(G, b)
+        rows = TaskRows(G, b)
         self._asked.append((stack, rows))
         return rows
 
@@ -275,10 +275,10 @@ class Program:
         )
         return given._replace(lower=bounds[0], upper=bounds[1]), text
 
-    def equation_rows(self, given: Constraints) -> list[Row]:
+    def equation_rows(self, given: Constraints) -> list[TaskRow]:
         """Return the rows of the equations of a tick: name, unit, scale and cost."""
         laws = len(given.b) - len(self.hard.rows)
-        return [Row("equation of motion", "m/s^2", 1.0, LAW)] * laws + self.hard.rows
+        return [TaskRow("equation of motion", "m/s^2", 1.0, LAW)] * laws + self.hard.rows
 
     def recover(self, x: Array) -> tuple[Array, Array, Array, Array, Array]:
         """Return a, u, tau, lam of all rows, and the torques of rigid joints, that belong to x."""
@@ -308,11 +308,13 @@ class Program:
                 found[name] = left[place]
         return found
 
-    def _inequality_rows(self) -> list[Row]:
-        rows = [Row(f"{name}: torque", "N m, N", self.mass, MOTOR) for name in self.torque.names]
+    def _inequality_rows(self) -> list[TaskRow]:
+        rows = [
+            TaskRow(f"{name}: torque", "N m, N", self.mass, MOTOR) for name in self.torque.names
+        ]
         unit = "rad/s^2, m/s^2"
-        rows += [Row(f"{name}: acceleration", unit, 1.0, JOINT) for name in self.bounds.names]
-        return rows + [Row(name, "N", self.mass, FLOOR) for name in self.cones.names]
+        rows += [TaskRow(f"{name}: acceleration", unit, 1.0, JOINT) for name in self.bounds.names]
+        return rows + [TaskRow(name, "N", self.mass, FLOOR) for name in self.cones.names]
 
 
 def rigid_rows(robot: Robot, joints: Sequence[str], motors: NDArray[np.int_]) -> Array:
@@ -349,7 +351,7 @@ class TickConstraints:
         self._cones, self._bounds, self._L = cones, bounds, limits.L
         self._least, self._most = limits.least / mass, limits.most / mass
 
-    def of(self, at: Reduction, wished: Rows, motion: Motion, load: Array) -> Constraints:
+    def of(self, at: Reduction, wished: TaskRows, motion: RobotMotion, load: Array) -> Constraints:
         """Return the constraints of a tick; overwritten by the next call."""
         # `wished` are rows of the tasks that are equations, `motion` is the state, for joints near
         # their limits and cones that turn, and `load` (nv,) is h - passive [N m, N].
@@ -366,7 +368,7 @@ class TickConstraints:
         self._limit(at, motion, load)
         return self._memory
 
-    def _blank(self, at: Reduction, wished: Rows) -> Constraints:
+    def _blank(self, at: Reduction, wished: TaskRows) -> Constraints:
         """Return memory for as many unknowns and equations."""
         n, k, law = at.sizes
         m, cones = len(at.touch), self._cones
@@ -380,7 +382,7 @@ class TickConstraints:
             made.C[first_cone:, k : k + m] = cones.constant
         return made
 
-    def _limit(self, at: Reduction, motion: Motion, load: Array) -> None:
+    def _limit(self, at: Reduction, motion: RobotMotion, load: Array) -> None:
         """Write the inequalities."""
         _, _, C, lower, upper = self._memory
         k, columns, first = at.touch.shape[1], self._bounds.columns, len(self._most)

@@ -39,7 +39,7 @@ from condyn_pin.errors import InvalidArgument, StaleModel
 from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
+    from condyn_pin.constraints.rows.redundancy import Redundancy, RedundantRows
 
 
 # Steps by which loops are closed: from 1e-2 rad three end at rounding.
@@ -81,7 +81,7 @@ class State:
     v: Array
     terms: Terms
     factors: MinimumNorm
-    left: LeftOut | None
+    left: RedundantRows | None
 
 
 def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
@@ -103,7 +103,7 @@ def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
     return State(q_.copy(), v_.copy(), terms, factors, left)
 
 
-def left_out_at(scene: Scene, q: Array) -> LeftOut:
+def left_out_at(scene: Scene, q: Array) -> RedundantRows:
     """Combinations of rows that are left out at q; on closed loops those that are redundant."""
     return scene.nominal.redundancy.at(equations_of(scene), q)
 
@@ -115,7 +115,7 @@ def moves_back(scene: Scene, q: Array, v: Array) -> tuple[Array, Array]:
 
 def _closed_state(
     scene: Scene, equations: Equations, q: Array, v: Array
-) -> tuple[Array, Array, Array, LeftOut, MinimumNorm]:
+) -> tuple[Array, Array, Array, RedundantRows, MinimumNorm]:
     """Moves dq, dv from the closed state to (q, v), its q, and rows and factors there."""
     # By Gauss and Newton with the rows that are kept, least in the metric of M, until the gaps are
     # rounding or fall no more.

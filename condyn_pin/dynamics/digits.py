@@ -33,8 +33,8 @@ from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import (
     TIMES_THE_PRECISION,
-    LeftOut,
     Redundancy,
+    RedundantRows,
     scales,
 )
 from condyn_pin.dynamics.scene import Scene
@@ -80,7 +80,7 @@ class Digits:
     note: str  # what is off, by how much, what follows, and the cure
 
 
-class _Walked(NamedTuple):
+class _WalkState(NamedTuple):
     """A closed state on the walk: q, c, J and the scaled singular values."""
 
     q: Array
@@ -123,7 +123,7 @@ def digits_at(scene: Scene, rows: Equations, q: Array, *, J: Array | None = None
 
 def _walk_of_file(
     rows: Equations, scaled: Redundancy, q: Array
-) -> tuple[int, list[_Walked]] | None:
+) -> tuple[int, list[_WalkState]] | None:
     """The rank r that the file means and closed states, if the others are small at all of them."""
     r = rank_of(scaled.singular_values(rows.position_level(q)[1]), tolerances.LEAST_PRECISE)
     for _ in range(_COUNTS):
@@ -139,7 +139,7 @@ def _walk_of_file(
     return None
 
 
-def _walk(rows: Equations, scaled: Redundancy, q: Array, r: int) -> list[_Walked]:
+def _walk(rows: Equations, scaled: Redundancy, q: Array, r: int) -> list[_WalkState]:
     """States along the motion that r rows leave, closed by them; none where q cannot be closed."""
     rng = np.random.default_rng(0)
     at = _closed_by(rows, scaled, q, r)
@@ -158,7 +158,7 @@ def _walk(rows: Equations, scaled: Redundancy, q: Array, r: int) -> list[_Walked
     return states
 
 
-def _closed_by(rows: Equations, scaled: Redundancy, q: Array, r: int) -> _Walked | None:
+def _closed_by(rows: Equations, scaled: Redundancy, q: Array, r: int) -> _WalkState | None:
     """The state at which r rows are closed, by Newton's method from q; None if they are not."""
     for _ in range(_NEWTON_STEPS):
         c, J = rows.position_level(q)
@@ -166,12 +166,12 @@ def _closed_by(rows: Equations, scaled: Redundancy, q: Array, r: int) -> _Walked
         if not np.isfinite(move).all():
             return None
         if np.abs(move / scaled.D).max() <= tolerances.CLOSED:
-            return _Walked(q, c, J, scaled.singular_values(J))
+            return _WalkState(q, c, J, scaled.singular_values(J))
         q = np.array(pin.integrate(rows.model, q, move))
     return None
 
 
-class _Off(NamedTuple):
+class _LoopDefect(NamedTuple):
     """Defect of a loop in words, the property assumed in spite of it, and if the loop is planar."""
 
     text: str
@@ -180,7 +180,13 @@ class _Off(NamedTuple):
 
 
 def _note(
-    scene: Scene, rows: Equations, gaps: Array, at: _Walked, left: LeftOut, *, believed: float = 0.0
+    scene: Scene,
+    rows: Equations,
+    gaps: Array,
+    at: _WalkState,
+    left: RedundantRows,
+    *,
+    believed: float = 0.0,
 ) -> str:
     """Notice of the loops that are off, what follows, and the cure."""
     # A motion leaves rows open by `gaps` (m,) [rad, l]; where the file is believed, `believed` is
@@ -195,7 +201,7 @@ def _note(
         off = _axis_defect(rows, bound, constraint.frames, gap)
         if off is None:
             text = f"closes but for {_short_number(gap)} rad or sizes of the loop"
-            off = _Off(text, "redundant", False)
+            off = _LoopDefect(text, "redundant", False)
         what = "loop" if constraint.closes else "constraint"
         text = f"{what} {bound.name!r} ({constraint.called}): {off.text}"
         found.append(off._replace(text=text, planar=off.planar and constraint.called in _PINS))
@@ -220,7 +226,7 @@ def _note(
 
 def _axis_defect(
     rows: Equations, bound: BoundConstraint, frames: Sequence[str], gap: float
-) -> _Off | None:
+) -> _LoopDefect | None:
     """Axes of a loop that are off parallel or square as its gap says, or a gap off its plane."""
     ends = bound.ends(rows.data.oMi)
     if bound.joints is None or ends is None:
@@ -239,11 +245,11 @@ def _axis_defect(
         text = (
             f"axes of {one!r} and {other!r} are off {how} by {_short_number(off)} rad{_hint(off)}"
         )
-        return _Off(text, how, planar)
+        return _LoopDefect(text, how, planar)
     across = abs(float(turning[0] @ (ends[0].translation - ends[1].translation))) if planar else 0.0
     if not across > _EXACT:
         return None
-    return _Off(f"closes but for {_length(across)} across its plane", "in the plane", planar)
+    return _LoopDefect(f"closes but for {_length(across)} across its plane", "in the plane", planar)
 
 
 def _axes(rows: Equations, ends: tuple[int, int]) -> Iterator[tuple[str, Array, bool]]:

@@ -21,7 +21,7 @@ from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.jacobian import Block, Jacobian
 from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import largest_violation
-from condyn_pin.constraints.rows.redundancy import LeftOut
+from condyn_pin.constraints.rows.redundancy import RedundantRows
 from condyn_pin.dynamics.at_state import at_state, equations_of, gaps, rounding, without_gravity
 from condyn_pin.dynamics.derivatives.kkt import Linearisation, TurningRows, turning_null_space
 from condyn_pin.dynamics.scene import Scene
@@ -205,7 +205,7 @@ def restitutions(scene: Scene, restitution: Restitution) -> Mapping[str, float]:
     return restitution
 
 
-def _check(found: Impact, J: Array, wanted: Array, left: LeftOut | None) -> None:
+def _check(found: Impact, J: Array, wanted: Array, left: RedundantRows | None) -> None:
     """Refuse rows that contradict each other, and restitutions that would add energy."""
     several = len(set(found.restitution.tolist())) > 1
     if not (several or found.scene.is_driven):

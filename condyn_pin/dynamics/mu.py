@@ -210,7 +210,7 @@ class WeightChoice(NamedTuple):
     refinements: int
 
 
-class Measured(NamedTuple):
+class WeightMeasurement(NamedTuple):
     """Measured rank, cost and error of a choice; the best one is the least."""
 
     rank: int
@@ -231,7 +231,7 @@ def best_choice(solver: ArticulatedSolver, workspace: Workspace, start: MakeSolv
     nominal, large = workspace.scene.nominal, workspace.model.nv > _LARGE
     states = nominal.states if large else (*nominal.states, *_drawn_states(workspace))
 
-    def best(refinements: int, limit: int) -> Measured:
+    def best(refinements: int, limit: int) -> WeightMeasurement:
         weights = (share * nominal.delassus_norm for share in _WEIGHT_SHARES)
         choices = [WeightChoice(mu, limit, refinements) for mu in weights]
         return min(_measure_weight(solver, workspace, start, states, choice) for choice in choices)
@@ -257,7 +257,7 @@ def _measure_weight(
     start: MakeSolver,
     states: Sequence[NominalState],
     choice: WeightChoice,
-) -> Measured:
+) -> WeightMeasurement:
     """Return the measured rank, cost and error of a choice at some states."""
     method, made = start(choice)
     worst, sweeps = 0.0, 0
@@ -266,10 +266,10 @@ def _measure_weight(
         worst = max(worst, error if np.isfinite(error) else np.inf)
         sweeps = max(sweeps, made())
     if not choice.refinements and sweeps > max(1, solver.max_iterations // 4):
-        return Measured(2, worst, worst, choice)
+        return WeightMeasurement(2, worst, worst, choice)
     if worst < _ACCURATE:
-        return Measured(0, sweeps, worst, choice)
-    return Measured(1, worst * sweeps, worst, choice)
+        return WeightMeasurement(0, sweeps, worst, choice)
+    return WeightMeasurement(1, worst * sweeps, worst, choice)
 
 
 @np.errstate(over="ignore", invalid="ignore")  # the error says it

@@ -31,7 +31,7 @@ from condyn_pin.errors import InvalidModel, SolveFailed
 from condyn_pin.model.soundness import massless_motion
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.rows.redundancy import LeftOut
+    from condyn_pin.constraints.rows.redundancy import RedundantRows
     from condyn_pin.dynamics.workspace import Workspace
 
 
@@ -115,7 +115,7 @@ class Verifier:
         return Question(q.copy(), v.copy(), tau.copy(), forces, self._workspace.drift)
 
     def _determined(
-        self, state: State, a: Array, lam: Array, left: LeftOut | None, load: Load | None
+        self, state: State, a: Array, lam: Array, left: RedundantRows | None, load: Load | None
     ) -> bool:
         """True if closing the loops, and stopping J v, changes a by less than DOUBT of it."""
         q, v, tau = state
@@ -136,7 +136,7 @@ class Verifier:
         changed = changed_by_closing(self._scene, self._closed, at, a, a_ref)
         return changed < tolerances.DOUBT
 
-    def _left_out(self, q: Array) -> LeftOut:
+    def _left_out(self, q: Array) -> RedundantRows:
         """Combinations of rows that are left out at q."""
         return self._scene.nominal.redundancy.at(self._workspace.equations, q)
 
@@ -190,7 +190,7 @@ class Verifier:
 
     @one_blas_thread
     def _careful_proof(
-        self, state: State, a: Array, lam: Array, load: Load | None, left: LeftOut | None
+        self, state: State, a: Array, lam: Array, load: Load | None, left: RedundantRows | None
     ) -> tuple[Residuals, Array | None]:
         """Proof by the factors of the state itself, and by the rounding of J^T lam."""
         # Of rows that are left out the second array has what they miss.

@@ -101,7 +101,7 @@ _SHIFTS: Final = {"JointModelFreeFlyer": 3, "JointModelTranslation": 3, "JointMo
 _FAR: Final = 1e300
 
 
-class Recursion:
+class LcabaRecursion:
     """`pin.lcaba` on one model, and on Pinocchio's lists of its constraints."""
 
     def __init__(
@@ -163,7 +163,7 @@ def _longest_chain(model: Any) -> float:
     return float(lengths.max())
 
 
-class Corrected:
+class CorrectedRecursion:
     """A recursion whose answers are corrected.
 
     answer, correct: the recursion, and the same without weight and without drift control: each an

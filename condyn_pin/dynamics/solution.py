@@ -26,7 +26,7 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.joints import by_joint
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.rows.redundancy import LeftOut
+    from condyn_pin.constraints.rows.redundancy import RedundantRows
     from condyn_pin.dynamics.bearings import Bearing
 
 
@@ -259,7 +259,7 @@ class Solution:
         return self._kept.doubt if self.scene.robot.precision else 0.0
 
     @cached_property
-    def _kept(self) -> LeftOut:
+    def _kept(self) -> RedundantRows:
         """The combinations of rows that are left out, on closed loops those that are redundant."""
         return left_out_at(self.scene, self.q)
 

@@ -296,7 +296,7 @@ class _Problem:
             self._count = self.residuals.size
 
 
-class _Determined(NamedTuple):
+class _DeterminedParameters(NamedTuple):
     """Parameters that a log determines, those of the others held."""
 
     free: NDArray[np.int_]
@@ -304,7 +304,7 @@ class _Determined(NamedTuple):
     ways: Array  # (held, n), along which the log does not change: each with one of `held`
 
 
-def _determined(J: Array, sizes: Array) -> _Determined:
+def _determined(J: Array, sizes: Array) -> _DeterminedParameters:
     """Rank of J by pivots, its columns relative to their sizes before projection."""
     from scipy.linalg import qr, solve_triangular
 
@@ -318,12 +318,12 @@ def _determined(J: Array, sizes: Array) -> _Determined:
     ways /= sizes
     largest = np.abs(ways * sizes).max(axis=1, initial=0.0)
     ways[np.abs(ways * sizes) < _NAMED * largest[:, None]] = 0.0
-    return _Determined(np.sort(order[:r]), order[r:], ways)
+    return _DeterminedParameters(np.sort(order[:r]), order[r:], ways)
 
 
 def _result(
     problem: _Problem, names: tuple[str, ...], p: Array, J: Array, sizes: Array,
-    found: _Determined, loss: str, at_bounds: NDArray[np.bool_], *, ended: bool,
+    found: _DeterminedParameters, loss: str, at_bounds: NDArray[np.bool_], *, ended: bool,
 ) -> Fit:  # fmt: skip
     """Fit at parameters p."""
     free, dof = found.free, problem.log.dof - len(found.free)
@@ -384,7 +384,7 @@ _SHARE_STEP: Final = 1e-3  # of differences by all other parameters, of their si
 class _Parameter(NamedTuple):
     """Where a number of a scene is."""
 
-    part: str  # of `_Draft`
+    part: str  # of `_SceneDraft`
     i: int
     key: str
     axis: int = 0
@@ -396,7 +396,7 @@ class _Parameter(NamedTuple):
         return (-inf if self.key in (*_PLACES, "reference") else 0.0), most
 
 
-class _Draft:
+class _SceneDraft:
     """A scene as parts that can be changed."""
 
     def __init__(self, scene: Scene) -> None:
@@ -516,7 +516,7 @@ class SceneParameters:
     """
 
     def __init__(self, scene: Scene, names: Sequence[str]) -> None:
-        draft = _Draft(scene)
+        draft = _SceneDraft(scene)
         known = dict(draft.names())
         for name in names:
             if name not in known:
@@ -527,7 +527,7 @@ class SceneParameters:
 
     def scene(self, p: Array) -> Scene:
         """Scene of parameters p."""
-        draft = _Draft(self._scene)
+        draft = _SceneDraft(self._scene)
         for at, x in zip(self._places, p.tolist(), strict=True):
             draft.put(at, x)
         return draft.scene()
@@ -540,12 +540,12 @@ class SceneParameters:
         at, h = self._places[i], _LENGTH_STEP
         if at.key not in (*_PLACES, "length"):
             h = _SHARE_STEP * (self.start[i] if self.start[i] > 0.0 else 1.0)
-        draft = _Draft(scene)
+        draft = _SceneDraft(scene)
         down = draft.value(at) - h
         if self.lower[i] == 0.0:
             down = max(down, 0.1 * h)
         draft.put(at, down)
         one = draft.scene()
-        draft = _Draft(scene)
+        draft = _SceneDraft(scene)
         draft.put(at, down + 2.0 * h)
         return draft.scene(), one, 2.0 * h

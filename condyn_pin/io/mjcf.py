@@ -316,7 +316,7 @@ class JointSpring(NamedTuple):
     rest: float  # [rad or m]
 
 
-class Straight(NamedTuple):
+class StraightTendon(NamedTuple):
     """A tendon that is straight between two sites, by their numbers."""
 
     ends: tuple[int, int]
@@ -354,7 +354,7 @@ class Transmissions:
             JointSpring(j, float(stiffness[j]), float(mj.qpos_spring[mj.jnt_qposadr[j]]))
             for j in np.flatnonzero(stiffness).tolist()
         ]
-        self.straight: list[Straight] = []
+        self.straight: list[StraightTendon] = []
         self.lost: list[str] = []
         self._of_tendons = {
             "armature": np.array(getattr(mj, "tendon_armature", np.zeros(mj.ntendon))),
@@ -434,7 +434,7 @@ class Transmissions:
         a, b = mj.wrap_objid[wraps].tolist()
         here, there = mj.body_weldid[mj.site_bodyid[[a, b]]]
         if here != there and (has["stiffness"] or has["damping"]):
-            self.straight.append(Straight((a, b), has["stiffness"], has["damping"], rest))
+            self.straight.append(StraightTendon((a, b), has["stiffness"], has["damping"], rest))
         return ("stiffness", "damping") if here != there else tuple(has)
 
 

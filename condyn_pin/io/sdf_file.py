@@ -28,9 +28,9 @@ from condyn_pin.io.load import tensor
 from condyn_pin.io.sdf_parts import (
     MODEL,
     WORLD,
-    Chosen,
-    Files,
-    Part,
+    ModelInWorld,
+    SdfFiles,
+    SdfPart,
     flag,
     is_model,
     links_of,
@@ -40,7 +40,7 @@ from condyn_pin.io.sdf_parts import (
     short_names,
     truth,
 )
-from condyn_pin.io.xml import UNLIMITED, Schema, Tag, check_counts, label
+from condyn_pin.io.xml import UNLIMITED, ElementSchema, Schema, check_counts, label
 
 
 @dataclass(frozen=True, eq=False)
@@ -171,32 +171,32 @@ _CHANGES: Final[Mapping[str, Mapping[str, str]]] = {
 _CLOSURES: Final = (
     "joints of the world", "Drake's joints", "Drake's ball constraints", "Drake's mimic joints",
 )  # fmt: skip
-_AXIS: Final = Tag("*", one="xyz limit dynamics use_parent_model_frame mimic")
-_NUMBER: Final = Tag(text=1)
+_AXIS: Final = ElementSchema("*", one="xyz limit dynamics use_parent_model_frame mimic")
+_NUMBER: Final = ElementSchema(text=1)
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_TAGS: Final[Mapping[str, Tag]] = {
-    "link": Tag(
+_TAGS: Final[Mapping[str, ElementSchema]] = {
+    "link": ElementSchema(
         "*",
         one="pose inertial gravity enable_wind kinematic must_be_base_link velocity_decay "
         "self_collide",
     ),
-    "inertial": Tag("*", one="pose mass inertia fluid_added_mass"),
-    "inertia": Tag(one=" ".join(_MOMENTS)),
-    "joint": Tag(
+    "inertial": ElementSchema("*", one="pose mass inertia fluid_added_mass"),
+    "inertia": ElementSchema(one=" ".join(_MOMENTS)),
+    "joint": ElementSchema(
         "*",
         one="pose parent child axis axis2 gearbox_ratio gearbox_reference_body thread_pitch "
         "screw_thread_pitch physics {*}rotor_inertia {*}mimic",
     ),
     "axis": _AXIS,
     "axis2": _AXIS,
-    "xyz": Tag("*", text=3),
-    "limit": Tag(one="lower upper effort velocity"),
-    "dynamics": Tag(one="damping friction spring_stiffness spring_reference"),
-    "mimic": Tag("*", one="multiplier offset reference"),
-    "frame": Tag("*", one="pose"),
+    "xyz": ElementSchema("*", text=3),
+    "limit": ElementSchema(one="lower upper effort velocity"),
+    "dynamics": ElementSchema(one="damping friction spring_stiffness spring_reference"),
+    "mimic": ElementSchema("*", one="multiplier offset reference"),
+    "frame": ElementSchema("*", one="pose"),
     **dict.fromkeys(("mass", "gearbox_ratio", "thread_pitch", "screw_thread_pitch"), _NUMBER),
     **dict.fromkeys((*_MOMENTS, "multiplier", "offset", "reference"), _NUMBER),
-    **dict.fromkeys(("lower", "upper", "effort", "velocity"), Tag(text=1, infinite=True)),
+    **dict.fromkeys(("lower", "upper", "effort", "velocity"), ElementSchema(text=1, infinite=True)),
     **dict.fromkeys(("damping", "friction", "spring_stiffness", "spring_reference"), _NUMBER),
 }
 _OF_MODEL: Final = (
@@ -212,7 +212,7 @@ _DRIVES: Final = re.compile(  # in the name or the file of a plugin
 
 def parse(path: str | PathLike[str], name: str | Sequence[str] | None) -> SdfModel:
     """Return the only moving model of a file, the one of a name, or those of several as one."""
-    files = Files(Path(path))
+    files = SdfFiles(Path(path))
     chosen = files.chosen(name)
     top = chosen.model
     parts, schema = parts_of(top, files), Schema(_TAGS)
@@ -220,7 +220,7 @@ def parse(path: str | PathLike[str], name: str | Sequence[str] | None) -> SdfMod
         each: part if is_model(part) else part._replace(element=schema.checked(part.element))
         for each, part in parts.items()
     }
-    tagged: dict[str, dict[str, Part]] = {"link": {}, "joint": {}}
+    tagged: dict[str, dict[str, SdfPart]] = {"link": {}, "joint": {}}
     for each, part in parts.items():
         tagged.setdefault(part.element.tag, {})[each] = part
     joints = [part for part in tagged["joint"].values() if part.element.get("type") != "fixed"]
@@ -272,13 +272,15 @@ def _shortened(joint: Joint, short: Mapping[str, str]) -> Joint:
     return replace(joint, axis=axes[0], axis2=axes[1], gear=gear)
 
 
-def _roots(chosen: Chosen, parts: Mapping[str, Part]) -> list[Element]:
+def _roots(chosen: ModelInWorld, parts: Mapping[str, SdfPart]) -> list[Element]:
     """Elements of the model and the models in it, each once."""
     inner = [part.model.model for part in parts.values() if is_model(part)]
     return list({id(model): model for model in (chosen.model.model, *inner)}.values())
 
 
-def _unread_elements(chosen: Chosen, parts: Mapping[str, Part], schema: Schema) -> Iterator[str]:
+def _unread_elements(
+    chosen: ModelInWorld, parts: Mapping[str, SdfPart], schema: Schema
+) -> Iterator[str]:
     """Elements of the world and the models that are not read, and idle plugins, as sentences."""
     schema.count(chosen.world, (*_OF_WORLD, *_changing("world")))
     for root in _roots(chosen, parts):
@@ -293,7 +295,7 @@ def _changing(tag: str) -> Iterable[str]:
     return (path.partition("/")[0] for path in _CHANGES.get(tag, ()))
 
 
-def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> dict[str, list[str]]:
+def _unmodelled(chosen: ModelInWorld, parts: Mapping[str, SdfPart]) -> dict[str, list[str]]:
     """Parts that change the motion and are not modelled, with their places."""
     places = [(chosen.world.get("name", ""), chosen.world), (chosen.model.name, chosen.model.model)]
     places += [(name, part.model.model if is_model(part) else part.element)
@@ -311,7 +313,7 @@ def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> dict[str, list[str
     return found
 
 
-def _exclusions(links: Mapping[str, Part]) -> frozenset[frozenset[str]]:
+def _exclusions(links: Mapping[str, SdfPart]) -> frozenset[frozenset[str]]:
     """Links of each model that must not touch each other: <self_collide> is false, if written."""
     of_model: dict[str, str] = {}
     apart: dict[str, set[str]] = defaultdict(set)
@@ -331,7 +333,7 @@ def _has_effect(element: Element) -> bool:
     )
 
 
-def _plugins(chosen: Chosen, parts: Mapping[str, Part]) -> list[Element]:
+def _plugins(chosen: ModelInWorld, parts: Mapping[str, SdfPart]) -> list[Element]:
     owners = [chosen.world, chosen.model.model, chosen.model.owner]
     owners += [e for p in parts.values() if is_model(p) for e in (p.element, p.model.model)]
     plugins = [plugin for owner in owners for plugin in owner.findall("plugin")]
@@ -349,7 +351,7 @@ def _drives(plugin: Element) -> bool:
 
 
 def _link(
-    part: Part, name: str, poses: Mapping[str, Any], defaults: Mapping[str, list[str]]
+    part: SdfPart, name: str, poses: Mapping[str, Any], defaults: Mapping[str, list[str]]
 ) -> Link:
     """Link with its inertia in its own frame; missing values have the defaults of the format."""
     element = part.element
@@ -378,7 +380,7 @@ def _link(
     return Link(name, poses[name], Y, weighs=weighs)
 
 
-def _joint(part: Part, name: str, poses: Mapping[str, Any], link_of: Mapping[str, str]) -> Joint:
+def _joint(part: SdfPart, name: str, poses: Mapping[str, Any], link_of: Mapping[str, str]) -> Joint:
     """Return the joint that an element describes."""
     element = part.element
     parent, child = (_joint_end(part, end, link_of) for end in ("parent", "child"))
@@ -398,7 +400,7 @@ def _joint(part: Part, name: str, poses: Mapping[str, Any], link_of: Mapping[str
     )
 
 
-def _joint_end(part: Part, tag: str, link_of: Mapping[str, str]) -> str:
+def _joint_end(part: SdfPart, tag: str, link_of: Mapping[str, str]) -> str:
     name = part.word(tag)
     if name not in link_of:
         known = unknown_name("link", name, link_of)
@@ -406,7 +408,7 @@ def _joint_end(part: Part, tag: str, link_of: Mapping[str, str]) -> str:
     return link_of[name]
 
 
-def _gear(part: Part, link_of: Mapping[str, str]) -> Gear:
+def _gear(part: SdfPart, link_of: Mapping[str, str]) -> Gear:
     ratio = _number(part.element, "gearbox_ratio", 1.0)
     if ratio == 0:
         raise InvalidModel(
@@ -423,7 +425,7 @@ def _pitch(joint: Element) -> float:
     return turns if turns or not old else -1 / old
 
 
-def _axis(part: Part, tag: str, name: str, poses: Mapping[str, Any]) -> Axis:
+def _axis(part: SdfPart, tag: str, name: str, poses: Mapping[str, Any]) -> Axis:
     element = part.element
     axis = Axis(
         direction=_direction(part, tag, name, poses),
@@ -446,7 +448,7 @@ def _axis(part: Part, tag: str, name: str, poses: Mapping[str, Any]) -> Axis:
     return axis
 
 
-def _mimic(part: Part, path: str) -> Mimic | None:
+def _mimic(part: SdfPart, path: str) -> Mimic | None:
     mimic = part.element.find(path)
     if mimic is None:
         return None
@@ -460,7 +462,7 @@ def _mimic(part: Part, path: str) -> Mimic | None:
     return Mimic(leader, axis, ratio, offset - ratio * zero)
 
 
-def _direction(part: Part, tag: str, name: str, poses: Mapping[str, Any]) -> Array | None:
+def _direction(part: SdfPart, tag: str, name: str, poses: Mapping[str, Any]) -> Array | None:
     element = part.element
     xyz = element.find(f"{tag}/xyz")
     if xyz is None:

@@ -2,10 +2,9 @@
 
 A world has everything that is drawn in it; a robot is one model that moves, or several of them,
 which are then the models in a model that stands in the world, with the world's joints between
-them. A <model>, and an <include> that brings one, are the same here: a `Placed` model, where its
-owner puts it. Included
-files are looked for beside the one that includes them and in the folders above that, down from the
-folder of the first file, which nothing leaves.
+them. A <model>, and an <include> that brings one, are the same here: a `PlacedModel`,
+where its owner puts it. Included files are looked for beside the one that includes them and in the
+folders above that, down from the folder of the first file, which nothing leaves.
 
 Every link, joint and frame x is placed by a pose in another one, and the poses multiply up to the
 model frame o,
@@ -39,7 +38,7 @@ _MOST_INCLUDES: Final = 1000  # two files that include each other twice end here
 _GRAVITY: Final = (0.0, 0.0, -9.8)  # of a world that does not say it [m/s^2]
 
 
-class Placed(NamedTuple):
+class PlacedModel(NamedTuple):
     """A model, and the element that places it: the <model> itself, or an <include>."""
 
     name: str
@@ -67,17 +66,17 @@ class Placed(NamedTuple):
         return *pose_in(posed), said.strip()
 
 
-class Chosen(NamedTuple):
+class ModelInWorld(NamedTuple):
     """The model that is the robot, and the world in which it stands."""
 
-    model: Placed
+    model: PlacedModel
     gravity: Array | None  # [m/s^2]; None where no world is
     world: Element  # <sdf> where there is none; without what belongs to the robot
     unused: tuple[str, ...]  # sentences
     models: tuple[str, ...] = ()  # of which the robot is made, if they are several
 
 
-class Files:
+class SdfFiles:
     """The SDF files to which a first one leads, each opened once."""
 
     def __init__(self, first: Path) -> None:
@@ -90,11 +89,11 @@ class Files:
         """Topmost folder for includes: that of the first file, which is open by then."""
         return self._first.resolve().parent
 
-    def chosen(self, wanted: str | Sequence[str] | None) -> Chosen:
+    def chosen(self, wanted: str | Sequence[str] | None) -> ModelInWorld:
         """Return the model of a name, those of several names as one, or the only one that moves."""
         sdf = self._open(self._first)
         worlds = sdf.findall("world")
-        found: list[tuple[Placed, Element]] = []
+        found: list[tuple[PlacedModel, Element]] = []
         lost: list[str] = []
         for world in (sdf, *worlds):
             for model, uri in self.models_in(world, self._first, _version(sdf)):
@@ -130,22 +129,22 @@ class Files:
             if not given:
                 unused.append("gravity is left out of the <world>: 9.8 m/s^2, as the format has it")
         inner = tuple(each.name for each in taken) if several else ()
-        return Chosen(model, gravity, home, tuple(unused), inner)
+        return ModelInWorld(model, gravity, home, tuple(unused), inner)
 
     def models_in(
         self, owner: Element, file: Path, version: tuple[int, ...]
-    ) -> Iterator[tuple[Placed | None, str]]:
+    ) -> Iterator[tuple[PlacedModel | None, str]]:
         """Yield the models below an element, with URIs; None for an include without a model."""
         for element in owner:
             if element.tag == "model":
                 name = element.get("name", "")
-                yield Placed(name, element, element, file, version), ""
+                yield PlacedModel(name, element, element, file, version), ""
             elif element.tag == "include":
                 uri = (element.findtext("uri") or "").strip()
                 inside = self._find(uri, file.resolve().parent)
                 yield (None if inside is None else self._included(element, inside)), uri
 
-    def _included(self, include: Element, file: Path) -> Placed | None:
+    def _included(self, include: Element, file: Path) -> PlacedModel | None:
         self._includes += 1
         if self._includes > _MOST_INCLUDES:
             raise InvalidModel(f"more than {_MOST_INCLUDES} files are included; write them out")
@@ -157,7 +156,7 @@ class Files:
         if not models:  # but a light or an actor
             return None
         name = (include.findtext("name") or "").strip() or models[0].get("name", "")
-        return Placed(name, models[0], include, file, _version(sdf))
+        return PlacedModel(name, models[0], include, file, _version(sdf))
 
     def _find(self, uri: str, folder: Path) -> Path | None:
         """File of a URI in a folder or one above it, within the first file's; None without one."""
@@ -205,7 +204,7 @@ def _version(sdf: Element) -> tuple[int, ...]:
     return version
 
 
-def _choice(models: list[Placed], lost: list[str], name: str | None) -> Placed:
+def _choice(models: list[PlacedModel], lost: list[str], name: str | None) -> PlacedModel:
     names = [model.name for model in models]
     if name is None:
         found = [model for model in models if not model.static]
@@ -231,7 +230,9 @@ def _choice(models: list[Placed], lost: list[str], name: str | None) -> Placed:
     return found[0]
 
 
-def _as_one(models: Sequence[Placed], world: Element, file: Path) -> tuple[Placed, Element]:
+def _as_one(
+    models: Sequence[PlacedModel], world: Element, file: Path
+) -> tuple[PlacedModel, Element]:
     """Models of a world as the models in one, with its joints and frames, and the rest of it."""
     names = {model.name for model in models}
     if len(names) < len(models):
@@ -254,7 +255,7 @@ def _as_one(models: Sequence[Placed], world: Element, file: Path) -> tuple[Place
     rest = Element(world.tag, world.attrib)
     others = {id(element) for element in world} - {id(element) for element in own}
     rest.extend(element for element in world if id(element) in others)
-    return Placed(whole.get("name", ""), whole, whole, file, models[0].version), rest
+    return PlacedModel(whole.get("name", ""), whole, whole, file, models[0].version), rest
 
 
 def _gravity(world: Element, version: tuple[int, ...]) -> tuple[Array, bool]:
@@ -309,12 +310,12 @@ _DEEPEST: Final = 30  # models, each in the one before
 _MOST_ELEMENTS: Final = 500_000  # of a file that is included again and again
 
 
-class Part(NamedTuple):
+class SdfPart(NamedTuple):
     """A link, a joint, a frame, or a nested model, and the scope of its names."""
 
     element: Element
     scope: str  # "" or "arm::hand::", before each name in it
-    model: Placed  # in which it is; of a model, that model
+    model: PlacedModel  # in which it is; of a model, that model
     merged: str = ""  # the frame of a model that is merged into the one around it
 
     @property
@@ -351,9 +352,9 @@ def _flat(name: str) -> str:
     return name.removesuffix(f"::{MODEL}")
 
 
-def parts_of(top: Placed, files: Files) -> dict[str, Part]:
+def parts_of(top: PlacedModel, files: SdfFiles) -> dict[str, SdfPart]:
     """Return the named parts of a model and of its nested models, one scope for each model."""
-    parts: dict[str, Part] = {}
+    parts: dict[str, SdfPart] = {}
     depth: dict[int, int] = {}  # of each model, those around it
     waiting, count = [(top, "", "")], 0
     for model, scope, merged in waiting:  # it grows
@@ -362,7 +363,7 @@ def parts_of(top: Placed, files: Files) -> dict[str, Part]:
             raise InvalidModel(f"more than {_MOST_ELEMENTS} elements in all that is included")
         for element in model.model:
             if element.tag in ("link", "joint", "frame"):
-                _add(parts, Part(element, scope, model, merged), element.get("name", ""))
+                _add(parts, SdfPart(element, scope, model, merged), element.get("name", ""))
         for inner, uri in files.models_in(model.model, model.file, model.version):
             if inner is None:
                 raise InvalidModel(
@@ -371,7 +372,7 @@ def parts_of(top: Placed, files: Files) -> dict[str, Part]:
                 )
             depth[id(inner)] = depth.get(id(model), 0) + 1
             _check_inner(inner, depth[id(inner)])
-            part = Part(inner.owner, scope, inner, merged)
+            part = SdfPart(inner.owner, scope, inner, merged)
             name = f"_merged__{inner.name}__model__" if inner.is_merged else inner.name
             _add(parts, part, name)
             waiting.append((inner, part.inside, scope + name if inner.is_merged else ""))
@@ -392,7 +393,7 @@ def links_in(path: Path, model: str) -> list[tuple[str, Element, Path]]:
     """Return the links of a model in a file, by name, and the files in which they are written."""
     # It is the model of a name, several with + between their names, or the only one that moves,
     # whatever the robot is called.
-    files = Files(path)
+    files = SdfFiles(path)
     try:
         chosen = files.chosen(model.split(" + ") if " + " in model else model)
     except UnknownName:
@@ -406,7 +407,7 @@ def links_in(path: Path, model: str) -> list[tuple[str, Element, Path]]:
     ]
 
 
-def _add(parts: dict[str, Part], part: Part, name: str) -> None:
+def _add(parts: dict[str, SdfPart], part: SdfPart, name: str) -> None:
     element = part.element
     if not name.strip() or name in (WORLD, MODEL):
         raise InvalidModel(f"a <{element.tag}> is named {name!r}; give it a name of its own")
@@ -418,7 +419,7 @@ def _add(parts: dict[str, Part], part: Part, name: str) -> None:
     parts[name] = part
 
 
-def _check_inner(inner: Placed, depth: int) -> None:
+def _check_inner(inner: PlacedModel, depth: int) -> None:
     where = f"<model> {inner.name!r} in the model"
     if depth > _DEEPEST:
         raise InvalidModel(f"{where}: more than {_DEEPEST} models, each in another")
@@ -428,7 +429,7 @@ def _check_inner(inner: Placed, depth: int) -> None:
         )
 
 
-def model_poses(parts: Mapping[str, Part], top: Placed) -> dict[str, Any]:
+def model_poses(parts: Mapping[str, SdfPart], top: PlacedModel) -> dict[str, Any]:
     """Return oMx of every part x, of the model and of the world."""
     placement, base, posed = {MODEL: top.pose()[0]}, {MODEL: WORLD}, {MODEL: top.pose()[2]}
     if top.pose()[1] not in ("", WORLD):
@@ -457,12 +458,12 @@ def model_poses(parts: Mapping[str, Part], top: Placed) -> dict[str, Any]:
     return poses
 
 
-def is_model(part: Part) -> bool:
+def is_model(part: SdfPart) -> bool:
     """True if a part is a nested model."""
     return part.element.tag in ("model", "include")
 
 
-def links_of(parts: Mapping[str, Part], top: Placed) -> dict[str, str]:
+def links_of(parts: Mapping[str, SdfPart], top: PlacedModel) -> dict[str, str]:
     """Return the link that every part moves with: a joint moves with its child."""
     links = [name for name, part in parts.items() if part.element.tag == "link"]
     base = {name: name for name in links}
@@ -491,7 +492,7 @@ def links_of(parts: Mapping[str, Part], top: Placed) -> dict[str, str]:
 
 
 def _chain(
-    name: str, base: Mapping[str, str], ends: Container[str], parts: Mapping[str, Part]
+    name: str, base: Mapping[str, str], ends: Container[str], parts: Mapping[str, SdfPart]
 ) -> list[str]:
     """Return `name`, its base, the base of that, and so on up to one of `ends`."""
     chain = {name: None}  # a dict keeps the order and finds members at once
@@ -509,7 +510,7 @@ def _chain(
     return list(chain)
 
 
-def _names_text(name: str, parts: Mapping[str, Part]) -> str:
+def _names_text(name: str, parts: Mapping[str, SdfPart]) -> str:
     return label(parts[name].element) if name in parts else f"<model> {name!r}"
 
 

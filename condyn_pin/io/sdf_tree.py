@@ -58,7 +58,7 @@ from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.load import circle_of
 from condyn_pin.io.sdf_file import NO_AXIS, Axis, Gear, Joint, Link, SdfModel
 from condyn_pin.io.sdf_parts import WORLD
-from condyn_pin.model.tree import Tree, one_coordinate
+from condyn_pin.model.tree import TreeBuilder, one_coordinate
 
 # The degrees of freedom that each type leaves, as far as the tree is concerned.
 FREEDOM: Final[Mapping[str, int]] = {
@@ -239,7 +239,7 @@ def with_copies(
     return (*shared.values(), *copies), tuple(hanging), tuple(welds)
 
 
-class Span(NamedTuple):
+class SpanningTree(NamedTuple):
     """A spanning tree, or one for each of several models that nothing connects."""
 
     trees: tuple[tuple[str, tuple[Joint, ...]], ...]  # root link, or the world; depth-first joints
@@ -255,7 +255,7 @@ def span(
     floating: bool,
     kept: Mapping[str, str],
     cut: Sequence[str],
-) -> Span:
+) -> SpanningTree:
     """Return the trees that these joints make from their roots to every link of the file."""
     # `kept` has the joints that must not be cut, each with the reason; `cut` those that must be.
     for name in cut:
@@ -293,7 +293,7 @@ def span(
         )
     opened = tuple(joint for joint in joints if joint.name not in names)
     _check_cuts(names, opened, kept, cut)
-    return Span(tuple(trees), opened, tuple(backwards))
+    return SpanningTree(tuple(trees), opened, tuple(backwards))
 
 
 def _anchored(sdf: SdfModel, joints: Sequence[Joint], root: str | None, floating: bool) -> bool:
@@ -390,14 +390,14 @@ _LOOP_KINDS: Final[Mapping[str, LoopKind]] = {
 }
 
 
-class SdfTree(Tree):
+class SdfTree(TreeBuilder):
     """The Pinocchio model of a spanning tree.
 
     root_joint: between the world and the root link; without one the link stands where the file puts
         it
     """
 
-    def __init__(self, sdf: SdfModel, spanned: Span, root_joint: Any | None) -> None:
+    def __init__(self, sdf: SdfModel, spanned: SpanningTree, root_joint: Any | None) -> None:
         super().__init__(sdf.name)
         self.poses = {link.name: link.pose for link in sdf.links} | {WORLD: sdf.pose.inverse()}
         self._links = {link.name: link for link in sdf.links}

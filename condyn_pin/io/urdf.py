@@ -45,7 +45,7 @@ from condyn_pin.io.load import (
     tensor,
 )
 from condyn_pin.io.urdf_loops import (
-    Beside,
+    CompanionFile,
     close,
     closings,
     cuts_of,
@@ -54,7 +54,7 @@ from condyn_pin.io.urdf_loops import (
     rotation_onto,
     unpaired_halves,
 )  # fmt: skip
-from condyn_pin.io.xml import Schema, Tag, check_counts, floats, label, open_xml, place
+from condyn_pin.io.xml import ElementSchema, Schema, check_counts, floats, label, open_xml, place
 from condyn_pin.model.smaller import copy_numbers
 
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
@@ -77,23 +77,27 @@ _OF_OTHERS: Final = (
     "linear_spring_damper",
 )  # fmt: skip
 _TAGS: Final = {
-    "robot": Tag("name version", many="link joint loop_joint constraint gazebo transmission"),
-    "transmission": Tag("name type", many="type joint actuator mechanicalReduction", raw=True),
-    "gazebo": Tag("reference", many=" ".join(("joint", "plugin", *_OF_GAZEBO)), raw=True),
-    "link": Tag("name", one="inertial", many="visual"),  # view draws the latter
-    "inertial": Tag(one="origin mass inertia"),
-    "origin": Tag(numbers={"xyz": 3, "rpy": 3}),
-    "mass": Tag(numbers={"value": 1}, needed="value"),
-    "inertia": Tag(numbers=dict.fromkeys(_MOMENTS, 1), needed=" ".join(_MOMENTS)),
-    "joint": Tag("name type", one="origin parent child axis limit dynamics mimic"),
-    "parent": Tag("link"),
-    "child": Tag("link"),
-    "axis": Tag(numbers={"xyz": 3}, needed="xyz"),
-    "limit": Tag(
+    "robot": ElementSchema(
+        "name version", many="link joint loop_joint constraint gazebo transmission"
+    ),
+    "transmission": ElementSchema(
+        "name type", many="type joint actuator mechanicalReduction", raw=True
+    ),
+    "gazebo": ElementSchema("reference", many=" ".join(("joint", "plugin", *_OF_GAZEBO)), raw=True),
+    "link": ElementSchema("name", one="inertial", many="visual"),  # view draws the latter
+    "inertial": ElementSchema(one="origin mass inertia"),
+    "origin": ElementSchema(numbers={"xyz": 3, "rpy": 3}),
+    "mass": ElementSchema(numbers={"value": 1}, needed="value"),
+    "inertia": ElementSchema(numbers=dict.fromkeys(_MOMENTS, 1), needed=" ".join(_MOMENTS)),
+    "joint": ElementSchema("name type", one="origin parent child axis limit dynamics mimic"),
+    "parent": ElementSchema("link"),
+    "child": ElementSchema("link"),
+    "axis": ElementSchema(numbers={"xyz": 3}, needed="xyz"),
+    "limit": ElementSchema(
         numbers=dict.fromkeys(("lower", "upper", "effort", "velocity"), 1), infinite=True
     ),
-    "dynamics": Tag(numbers={"damping": 1, "friction": 1}),
-    "mimic": Tag("joint", {"multiplier": 1, "offset": 1}),
+    "dynamics": ElementSchema(numbers={"damping": 1, "friction": 1}),
+    "mimic": ElementSchema("joint", {"multiplier": 1, "offset": 1}),
 }  # fmt: skip
 _TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _SCALAR: Final = ("revolute", "continuous", "prismatic")
@@ -129,14 +133,14 @@ def read_urdf(source: Path | str, root_joint: str = "fixed", *, mimic: bool = Tr
         if macro := next((e.tag for e in robot.iter() if "xacro}" in e.tag), ""):
             tag = macro.rpartition("}")[2]
             raise InvalidModel(f"<xacro:{tag}>: a macro; expand it with `xacro FILE > robot.urdf`")
-        beside = read_beside(source) if isinstance(source, Path) else Beside()
+        beside = read_beside(source) if isinstance(source, Path) else CompanionFile()
         return _Reader(robot, beside, mimic).read(root_joint)
 
 
 class _Reader:
     """Reader of a URDF: a checked copy of the file, with joint types that Pinocchio supports."""
 
-    def __init__(self, robot: Element, beside: Beside, mimic: bool) -> None:
+    def __init__(self, robot: Element, beside: CompanionFile, mimic: bool) -> None:
         if not robot.get("name"):
             raise InvalidModel("<robot> has no name; give it one")
         self._file, self._schema, self._beside = robot, Schema(_TAGS), beside

@@ -60,7 +60,7 @@ _AXIS: Final = "1 0 0"  # of the format, where it says none
 
 
 @dataclass(frozen=True)
-class Cut:
+class LoopJoint:
     """A joint that closes a loop, by a frame on its parent link and one on its child link."""
 
     name: str
@@ -72,7 +72,7 @@ class Cut:
     oriented: bool  # whether the axes of `two` are the file's; else they are those of `one`
 
 
-def cuts_of(robot: Element, beside: Iterable[Element]) -> Iterator[Cut]:
+def cuts_of(robot: Element, beside: Iterable[Element]) -> Iterator[LoopJoint]:
     """Yield the loops of a URDF; `beside` the tree are joints whose child has a parent already."""
     for joint in beside:
         if find(joint, "mimic") is not None:
@@ -88,7 +88,7 @@ def cuts_of(robot: Element, beside: Iterable[Element]) -> Iterator[Cut]:
             yield _of_gazebo(joint)
 
 
-def close(model: Any, cuts: Sequence[Cut]) -> list[Loop]:
+def close(model: Any, cuts: Sequence[LoopJoint]) -> list[Loop]:
     """Add the frames NAME_a and NAME_b of all cuts to a model, and return their loops."""
     data, loops = model.createData(), list[Loop]()
     pin.framesForwardKinematics(model, data, np.array(pin.neutral(model)))
@@ -114,7 +114,7 @@ def close(model: Any, cuts: Sequence[Cut]) -> list[Loop]:
     return loops
 
 
-def _by_two_origins(element: Element) -> Cut:
+def _by_two_origins(element: Element) -> LoopJoint:
     halves = element.findall("link1") + element.findall("link2")
     if len(halves) == 2:
         links = halves[0].get("link", ""), halves[1].get("link", "")
@@ -137,7 +137,7 @@ def _by_two_origins(element: Element) -> Cut:
     return _cut(element, links, one, two, oriented=one is None or other is not None)
 
 
-def _of_gazebo(joint: Element) -> Cut:
+def _of_gazebo(joint: Element) -> LoopJoint:
     pose, axis = find(joint, "pose"), find(joint, "axis/xyz")
     x = np.zeros(6) if pose is None else floats(pose.text, 6, f"{label(joint)}: <pose>")
     placed = pin.SE3(pin.rpy.rpyToMatrix(*x[3:]), x[:3])
@@ -146,13 +146,15 @@ def _of_gazebo(joint: Element) -> Cut:
     return _cut(joint, links, None, placed * turn, oriented=True)
 
 
-def _cut(element: Element, links: tuple[str, str], one: Any, two: Any, *, oriented: bool) -> Cut:
+def _cut(
+    element: Element, links: tuple[str, str], one: Any, two: Any, *, oriented: bool
+) -> LoopJoint:
     name, kind = element.get("name", ""), element.get("type", "")
     if not name.strip():
         raise InvalidModel(f"a <{element.tag}> that closes a loop has no name; give it one")
     if kind not in _JOINTS:
         raise InvalidModel(f"{label(element)}: {unknown_name('type of a loop', kind, _JOINTS)}")
-    return Cut(name, _JOINTS[kind], *links, one, two, oriented)
+    return LoopJoint(name, _JOINTS[kind], *links, one, two, oriented)
 
 
 def _ends(element: Element) -> tuple[str, str]:
@@ -242,7 +244,7 @@ _LARGEST: Final = 2**20  # bytes: a robot with a thousand loops has a tenth
 
 
 @dataclass(frozen=True)
-class Beside:
+class CompanionFile:
     """Content of a file beside a URDF: loops, motors and joint types."""
 
     path: Path | None = None  # None where there is no such file
@@ -265,7 +267,7 @@ class Beside:
             yield f"entries of {self.path.name} that are not read: {listed(self.unread)}"
 
 
-def read_beside(urdf: Path) -> Beside:
+def read_beside(urdf: Path) -> CompanionFile:
     """Return the content of the file beside a URDF; empty if there is none."""
     places = [urdf.with_name(name) for name in dict.fromkeys((urdf.stem, "robot"))]
     paths = [Path(f"{start}{suffix}") for start in places for suffix in (".yaml", ".yml", ".toml")]
@@ -274,7 +276,7 @@ def read_beside(urdf: Path) -> Beside:
             said = _entries(path)
             if said.keys() & set(_OWN):
                 return _read_beside(path, said)
-    return Beside()
+    return CompanionFile()
 
 
 def _text(path: Path) -> str:
@@ -321,7 +323,7 @@ def _entries(path: Path) -> Mapping[str, Any]:
     return said if isinstance(said, dict) else {}
 
 
-def _read_beside(path: Path, said: Mapping[str, Any]) -> Beside:
+def _read_beside(path: Path, said: Mapping[str, Any]) -> CompanionFile:
     joints, types = (_texts_of(said, key) for key in ("joint_name", "joint_type"))
     if len(joints) != len(types) or len(set(joints)) != len(joints):
         raise InvalidModel(
@@ -331,7 +333,7 @@ def _read_beside(path: Path, said: Mapping[str, Any]) -> Beside:
     for kind in types:
         if kind.upper() not in JOINT_TYPES:
             raise InvalidModel(f"joint_type: {unknown_name('joint type', kind, JOINT_TYPES)}")
-    return Beside(
+    return CompanionFile(
         path=path,
         loops=tuple(_loops(said)) if "closed_loop" in said else None,
         motors=_texts_of(said, "name_mot"),

@@ -154,7 +154,7 @@ def _numbers(text: str | None, count: int, where: str, infinite: bool) -> list[f
     raise InvalidModel(f"{where} is {given}; finite numbers are needed, less than 1e16")
 
 
-class Tag(NamedTuple):
+class ElementSchema(NamedTuple):
     """Schema of an element; of names there may be several, with spaces between."""
 
     words: str = ""  # attributes that are texts; "*" for all
@@ -162,7 +162,7 @@ class Tag(NamedTuple):
     needed: str = ""  # those of them that cannot be left out
     text: int = 0  # how many numbers its text has; 0 where it is none
     one: str = ""  # elements below it, of which there may be one; ``{*}NAME`` in any namespace
-    many: str = ""  # those of which there may be many; one without a `Tag` is taken as it is
+    many: str = ""  # those of which there may be many; one without a schema is taken as it is
     infinite: bool = False  # whether its numbers may be infinite
     raw: bool = False  # whether what is below it is taken as it is, by no schema
 
@@ -170,7 +170,7 @@ class Tag(NamedTuple):
 class Schema:
     """Schema of a format by tag; `checked` copies the elements in it, and counts all others."""
 
-    def __init__(self, tags: Mapping[str, Tag]) -> None:
+    def __init__(self, tags: Mapping[str, ElementSchema]) -> None:
         self._tags = {
             name: (tag, {*tag.words.split()}, {*tag.one.split()}, {*tag.many.split()})
             for name, tag in tags.items()

@@ -18,12 +18,12 @@ from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed
-from condyn_pin.gradients.routes.route import Chain, Route
+from condyn_pin.gradients.routes.route import Route, StepChain
 from condyn_pin.gradients.routes.step_derivatives import StepDerivatives
 from condyn_pin.layers.maps import (
-    Change,
     Configurations,
     LayerMap,
+    MapDerivatives,
     Pair,
     Parameters,
     ParametrisedScene,
@@ -126,7 +126,7 @@ class StepMap(StateMap):
             raise SolveFailed(f"{how} is not finite", None)
         return np.asarray(q), np.asarray(v)
 
-    def change(self, q: Array, v: Array, tau: Array, *p: Array) -> tuple[Pair, Change]:
+    def change(self, q: Array, v: Array, tau: Array, *p: Array) -> tuple[Pair, MapDerivatives]:
         """Return q+ and v+, and their derivatives."""
         steps, route = self.parameters.steps(p, self._dt)
         steps.system.applied.hold(tau, ())
@@ -134,7 +134,7 @@ class StepMap(StateMap):
         all_columns, shapes = found.matrix, [(self.nv,)] * 3 + [*self.parameters.shapes.values()]
         by_p = self.parameters.of(all_columns, found.columns)
         matrix = np.hstack([all_columns[:, : 3 * self.nv], *by_p])
-        return (found.q, found.v), Change(matrix, self.nv, shapes)
+        return (found.q, found.v), MapDerivatives(matrix, self.nv, shapes)
 
     def __reduce__(self) -> tuple[Any, ...]:
         scene, scheme, route = self.parameters.made
@@ -160,8 +160,8 @@ def check_steps(scene: Scene, dt: float, integrator: ContactScheme, route: Route
 #
 #     x_i+1 = step(x_i, tau_i, p)
 #
-# Backward, a gradient goes against the steps (`Chain`): from the states that are returned to the
-# start, with some sqrt(steps) states in memory and the matrices of one step.
+# Backward, a gradient goes against the steps (`StepChain`): from the states that are returned to
+# the start, with some sqrt(steps) states in memory and the matrices of one step.
 
 
 class RunMap(LayerMap):
@@ -233,11 +233,11 @@ class RunMap(LayerMap):
         reshaped = (each.reshape(shape) for each, shape in zip(by_p, shapes, strict=True))
         return (y[:n] @ T, y[n:], by_tau, *reshaped)
 
-    def _begun(self, q: Array, v: Array, tau: Array, *p: Array) -> tuple[Pair, Chain, Array]:
+    def _begun(self, q: Array, v: Array, tau: Array, *p: Array) -> tuple[Pair, StepChain, Array]:
         """Return the start of one motion, its steps, and what its start is in the tangent."""
         steps, route = self._parameters.steps(p, self._dt)
         unit, lengths = self._space.unit(q)
-        chain = Chain(route, steps, len(tau), tau)
+        chain = StepChain(route, steps, len(tau), tau)
         return (unit, v), chain, self._space.steps(unit, lengths)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -18,8 +18,8 @@ StateMap: a layer of (q, v, tau) whose derivatives are matrices in the tangent.
     (x, y) = f(q, v, tau, p)
 
 1. A map says the sizes of x and y, and for one state what they are, and how they change:
-   `Change`, with `jvp`, `vjp` and `matrix` in the tangent. Derivatives of solves and of steps are
-   such.
+   `MapDerivatives`, with `jvp`, `vjp` and `matrix` in the tangent. Derivatives of solves and of
+   steps are such.
 2. Where x is a configuration (`ends_in_q`), it is one number for each of q, and its change comes
    in the tangent as well; all else about manifolds is here.
 """
@@ -406,7 +406,7 @@ def _of_joint(x: Array, head: int) -> Array:
 # StateMap: a layer of (q, v, tau) whose derivatives are matrices in the tangent.
 
 
-class Change:
+class MapDerivatives:
     """Derivatives of x and y by q, v, tau and parameters, in the tangent space.
 
     matrix (x_size + y_size, numbers): of x and then y by all numbers of the inputs
@@ -447,7 +447,7 @@ class StateMap(LayerMap):
 
     @abstractmethod
     def change(self, q: Array, v: Array, tau: Array, *p: Array) -> tuple[Pair, Any]:
-        """Return x and y at one state, and their `Change`, or what has its members."""
+        """Return x and y at one state, and their `MapDerivatives`, or what has its members."""
 
     def outputs(self, shapes: Sequence[Shape]) -> tuple[Shape, Shape]:
         """Return the shapes of x and y."""

@@ -26,7 +26,14 @@ from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import upward
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
-from condyn_pin.mechanism.closing import BUDGET, ORDINARY, Assembly, AssemblyStatus, Closer, Closing
+from condyn_pin.mechanism.closing import (
+    BUDGET,
+    ORDINARY,
+    Assembly,
+    AssemblyStatus,
+    ClosingResult,
+    LoopCloser,
+)
 from condyn_pin.model.joints import NO_LIMITS, Limits
 
 
@@ -97,15 +104,15 @@ def assemble_from(
 ) -> Assembly:
     """Close the loops of a scene with the velocity indices that may move; nothing is raised."""
     chains = chains_of(scene)
-    closer = Closer.of(scene, moving, chains.limits if within_limits else NO_LIMITS)
+    closer = LoopCloser.of(scene, moving, chains.limits if within_limits else NO_LIMITS)
     return assembly_of(scene, closer, start, *best_end(chains, closer, start, branch, budget))
 
 
 def assembly_of(
     scene: Scene,
-    closer: Closer,
+    closer: LoopCloser,
     start: Array,
-    end: Closing,
+    end: ClosingResult,
     status: AssemblyStatus,
     flipped: tuple[str, ...],
 ) -> Assembly:
@@ -137,15 +144,15 @@ def assembly_of(
 
 def best_end(
     chains: ClosedChains,
-    closer: Closer,
+    closer: LoopCloser,
     start: Array,
     branch: Mapping[str, int] | None,
     budget: int = BUDGET,
-) -> tuple[Closing, AssemblyStatus, tuple[str, ...]]:
+) -> tuple[ClosingResult, AssemblyStatus, tuple[str, ...]]:
     """Return the first end that is closed on the right branch, or else the best one."""
     # With the iterations of all runs, a status, and the clusters on the wrong side of a dead point.
     on = chains.branch(closer.equations.jacobian(start)) if branch is None else branch
-    best: Closing | None = None
+    best: ClosingResult | None = None
     iterations, stopped = 0, False
     for end in closer.ends(start):
         iterations += end.iterations
@@ -260,7 +267,7 @@ def assemble_batch(
     limits = chains.limits if within_limits else NO_LIMITS
     moving = np.ones(robot.nv, dtype=bool)
     moving[iv] = False
-    closer = Closer.of(scene, moving, limits)
+    closer = LoopCloser.of(scene, moving, limits)
 
     def closed_at(start: Array, goal: Array) -> tuple[Array, bool]:
         """Configuration near a start with the motors at a goal, and whether it is closed."""

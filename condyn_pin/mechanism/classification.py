@@ -32,7 +32,7 @@ from condyn_pin.dynamics.derivatives.kkt import Linearisation
 from condyn_pin.dynamics.scene import Scene, check_not_driven, check_scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembling import assemble, nominal_configuration
-from condyn_pin.mechanism.closing import Closer
+from condyn_pin.mechanism.closing import LoopCloser
 from condyn_pin.mechanism.rank import Rank, check
 
 
@@ -217,7 +217,7 @@ class _AllowedFields:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self._model, self._closer = scene.robot.model, Closer.of(scene)
+        self._model, self._closer = scene.robot.model, LoopCloser.of(scene)
         self.rank = scene.nominal.rank
         self._projectors: dict[bytes, Array] = {}
 

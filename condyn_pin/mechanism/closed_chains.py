@@ -35,7 +35,7 @@ from condyn_pin.dynamics.at_state import by_digits
 from condyn_pin.dynamics.nominal import described_posture, look_at_digits, scene_without_time
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidModel
-from condyn_pin.mechanism.closing import Closer
+from condyn_pin.mechanism.closing import LoopCloser
 from condyn_pin.model.joints import NO_LIMITS, Limits
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.soundness import singular_mass
@@ -93,7 +93,7 @@ def _chains(scene: Scene) -> ClosedChains:
     robot.check_unedited()
     limits = Limits.of(robot.model)
     _look_for_digits(scene, limits)
-    closer = Closer.of(scene, limits=limits)
+    closer = LoopCloser.of(scene, limits=limits)
     equations, rows = closer.equations, closer.rows
     _, actuated = indices(robot.model, robot.actuated)
     passive = passive_joints(robot, actuated)
@@ -136,7 +136,7 @@ def _look_for_digits(scene: Scene, limits: Limits) -> None:
     """Find out what digits of its file make up in a scene, where its loops are nearly closed."""
     if not scene.robot.precision or by_digits(scene):
         return
-    closer, guess = Closer.of(scene), described_posture(scene)
+    closer, guess = LoopCloser.of(scene), described_posture(scene)
     for end in closer.ends(guess):
         if end.size <= tolerances.CLOSED:
             look_at_digits(scene, closer.equations, end.q, end.J)
@@ -146,7 +146,7 @@ def _look_for_digits(scene: Scene, limits: Limits) -> None:
             break
 
 
-def _closed_near(closer: Closer, guess: Array) -> tuple[bool, list[Array]]:
+def _closed_near(closer: LoopCloser, guess: Array) -> tuple[bool, list[Array]]:
     """Return True if the guess can be closed, and closed configurations at it and near it."""
     model = closer.equations.model
     for within in (closer, replace(closer, limits=NO_LIMITS)):

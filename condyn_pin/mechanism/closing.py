@@ -74,7 +74,7 @@ _REJECTIONS = 15  # in a row, each with ten times the damping
 
 
 @dataclass(frozen=True, eq=False)
-class Closing:
+class ClosingResult:
     """End of a run: configuration, its gap c, accepted steps, and if no smaller gap is near.
 
     J (m, nv) is that of all rows of the scene at q. Neither has what digits of a file make up.
@@ -93,7 +93,7 @@ class Closing:
 
 
 @dataclass(frozen=True, eq=False)
-class Closer:
+class LoopCloser:
     """Newton's method on the loops of one scene: equations, rows with a position, moving joints.
 
     A contact that belongs wherever it is has no position error, and no rows here.
@@ -108,7 +108,7 @@ class Closer:
     @classmethod
     def of(
         cls, scene: Scene, moving: NDArray[np.bool_] | None = None, limits: Limits = NO_LIMITS
-    ) -> Closer:
+    ) -> LoopCloser:
         """Return the closer of the loops of a scene with all joints, or with some."""
         # What digits of a file make up is known once the closed chains of the scene are.
         everything = np.ones(scene.robot.nv, dtype=bool)
@@ -125,7 +125,7 @@ class Closer:
             c, J = left.kept(c), left.kept(J)
         return c[self.rows], J
 
-    def ends(self, start: Array) -> Iterator[Closing]:
+    def ends(self, start: Array) -> Iterator[ClosingResult]:
         """Try one run after the other: plain, in shares, from starts nearby, on from the best."""
         q, rng, found = start.copy(), np.random.default_rng(0), []
         self.limits.clip(q)
@@ -140,7 +140,7 @@ class Closer:
         if best.size > tolerances.CLOSED and not best.stationary:
             yield self.close(best.q, most=_LAST_STEPS)
 
-    def close(self, q: Array, *, most: int = 60) -> Closing:
+    def close(self, q: Array, *, most: int = 60) -> ClosingResult:
         """Return the end of one run from q towards closed loops, in at most `most` steps."""
         if self.rounded is None:
             return self._run(q, most=most)
@@ -155,12 +155,12 @@ class Closer:
             return replace(end, iterations=iterations + end.iterations)
         c = self.rounded.to_close(J, c)[self.rows]
         stationary = end.stationary or length(c) > end.size
-        return Closing(end.q, c, iterations, stationary, left.kept(J))
+        return ClosingResult(end.q, c, iterations, stationary, left.kept(J))
 
     def _run(
         self, q: Array, *, target: Array | float = 0.0, most: int = 60, done: float = _DONE,
         rank: int | None = None,
-    ) -> Closing:  # fmt: skip
+    ) -> ClosingResult:  # fmt: skip
         """Return the end of one run from q towards c = target, until |c - target| is `done`."""
         nu, iterations = 1.0, 0
         c, of_all = self._look(q, rank)
@@ -170,7 +170,7 @@ class Closer:
             for _ in range(_REJECTIONS):
                 step = self._step(q, J, c, nu * size**2)
                 if step is None:
-                    return Closing(q, c, iterations, True, of_all)
+                    return ClosingResult(q, c, iterations, True, of_all)
                 nearer = self._moved(q, step)
                 c_nearer, J_nearer = self._look(nearer, rank)
                 c_nearer = c_nearer - target
@@ -178,10 +178,10 @@ class Closer:
                 if size_nearer < size:
                     break
                 if size <= tolerances.CLOSED:  # at rounding
-                    return Closing(q, c, iterations, True, of_all)
+                    return ClosingResult(q, c, iterations, True, of_all)
                 nu *= 10.0
             else:
-                return Closing(q, c, iterations, True, of_all)
+                return ClosingResult(q, c, iterations, True, of_all)
             # what came of the step, relative to what the linear model promised
             promised = size**2 - length(c + J @ step) ** 2
             gain = (size**2 - size_nearer**2) / max(promised, _TINY)
@@ -189,10 +189,10 @@ class Closer:
             q, c, of_all = nearer, c_nearer, J_nearer
             iterations += 1
             if size - size_nearer < _STILL * size and size > tolerances.CLOSED:
-                return Closing(q, c, iterations, True, of_all)
-        return Closing(q, c, iterations, size <= tolerances.CLOSED, of_all)
+                return ClosingResult(q, c, iterations, True, of_all)
+        return ClosingResult(q, c, iterations, size <= tolerances.CLOSED, of_all)
 
-    def follow(self, q: Array) -> Closing:
+    def follow(self, q: Array) -> ClosingResult:
         """Return the end of a run that closes the gap in shares, no joint moving far in one."""
         c0, _ = self._look(q)
         s, share, iterations = 0.0, 0.25, 0

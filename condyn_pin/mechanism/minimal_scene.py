@@ -266,9 +266,9 @@ def minimal(
     check_type("solver", solver, Solver, "a solver object is needed")
     states = sampled(scene, 0, _SAMPLES) if motion is None else checked_states(scene, motion)
     asked = _watched_joints(scene, states, watch)
-    question = judge = _Question(scene, states, asked)
+    question = judge = _ReferenceMotion(scene, states, asked)
     if motion is None:
-        judge = _Question(scene, sampled(scene, 1, _FRESH), asked)
+        judge = _ReferenceMotion(scene, sampled(scene, 1, _FRESH), asked)
     search = _Search(question, solver, limit)
     errors = None
     while errors is None:
@@ -291,7 +291,7 @@ def minimal(
     )
 
 
-class _Question:
+class _ReferenceMotion:
     """Accelerations and contact wrenches of the full scene, to compare smaller scenes with."""
 
     def __init__(self, scene: Scene, states: Sequence[State], asked: tuple[str, ...]) -> None:
@@ -307,7 +307,7 @@ class _Question:
 class _Search:
     """Simplifications that were tried, in order, and the scene after each that is kept."""
 
-    def __init__(self, question: _Question, solver: Solver, limit: float) -> None:
+    def __init__(self, question: _ReferenceMotion, solver: Solver, limit: float) -> None:
         self.question, self.solver, self.limit = question, solver, limit
         scene, q = question.scene, question.states[0][0]
         self.scenes = [reduced_scene(scene, scene.robot, scene.constraints, q, ())]
@@ -329,7 +329,7 @@ class _Search:
             if good:
                 self.scenes.append(after)
 
-    def verified(self, judge: _Question) -> ReductionErrors | None:
+    def verified(self, judge: _ReferenceMotion) -> ReductionErrors | None:
         """Return the errors of the last scene if they are within the limit, or take it back."""
         if len(self.scenes) == 1:
             return _NONE

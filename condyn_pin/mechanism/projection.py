@@ -51,7 +51,7 @@ from condyn_pin.mechanism.assembling import (
     nominal_configuration,
 )
 from condyn_pin.mechanism.closed_chains import chains_of
-from condyn_pin.mechanism.closing import Assembly, AssemblyStatus, Closer
+from condyn_pin.mechanism.closing import Assembly, AssemblyStatus, LoopCloser
 from condyn_pin.mechanism.rank import check
 from condyn_pin.model.joints import NO_LIMITS
 from condyn_pin.model.soundness import singular_mass
@@ -411,7 +411,7 @@ class ContinuationSolver:
         self.motors, _ = indices(model, scene.robot.actuated)
         moving = np.zeros(model.nv, dtype=bool)
         moving[self.dependent] = True
-        self.closer = Closer.of(scene, moving)
+        self.closer = LoopCloser.of(scene, moving)
 
     @property
     def rates(self) -> Array:
@@ -574,7 +574,7 @@ def sample(
         scene.state()  # raises what is in the way
     chains = chains_of(scene)
     limits = NO_LIMITS if chains.limits.beyond(home) else chains.limits
-    closer = Closer.of(scene, limits=limits)
+    closer = LoopCloser.of(scene, limits=limits)
     for _ in range(tries):
         guess = normalised(model, "q", pin.integrate(model, home, spread * rng.normal(size=nv)))
         end, status, flipped = best_end(chains, closer, guess, chains.assembly_mode)

@@ -26,7 +26,7 @@ from condyn_pin._core.models import UNLIMITED
 from condyn_pin.errors import InvalidModel
 
 
-class Tree:
+class TreeBuilder:
     """Pinocchio model under construction."""
 
     def __init__(self, name: str) -> None:
@@ -90,7 +90,7 @@ class DrawnJoint:
         return self.kind in ("slide", "hinge")
 
 
-class DrawnTree(Tree):
+class DrawnTree(TreeBuilder):
     """A tree of bodies that are given where they are drawn.
 
     bodies: names that bodies will have: a joint of such a name gets no frame

@@ -516,7 +516,7 @@ def switch(
 _NOISE = 1e-9
 
 
-class Watch:
+class EventWatch:
     """The values of events on the way of a run: an event is where its value falls to zero.
 
     `values` are those that the next step is compared with, by name.

@@ -26,7 +26,7 @@ from condyn_pin.constraints.path import along_at
 from condyn_pin.constraints.rows.equations import MANY, BatchedGaps, Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.integrators.integrator import Integrator
-from condyn_pin.simulation.torques import Passive
+from condyn_pin.simulation.torques import PassiveForces
 
 # Samples for which a matrix of them all is small.
 _FEW = 64
@@ -210,7 +210,7 @@ def is_accurate(integrator: Integrator) -> bool:
     return integrator.order.v >= _ACCURATE
 
 
-def damping_rate(passive: Passive, v: Array, a: Array) -> Array | None:
+def damping_rate(passive: PassiveForces, v: Array, a: Array) -> Array | None:
     """Return the rate of the power of joint damping, d/dt (-d v^2), at samples (..., nv) [W/s]."""
     # None where frames are damped, whose rows change too.
     if passive.between is not None and passive.between.c.any():

@@ -39,7 +39,7 @@ from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.measures import Energy, gauge_of
 from condyn_pin.simulation.records import Phase, Remark, gaps_along
 from condyn_pin.simulation.system import CorrectedStepper, System
-from condyn_pin.simulation.torques import Applied
+from condyn_pin.simulation.torques import AppliedTorques
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory
@@ -285,7 +285,7 @@ _OF_KINETIC = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
-class Course:
+class JudgedMotion:
     """A motion as it is judged: its samples, what they measure, and how they were made.
 
     t, q, v: samples, (k,), (k, nq) and (k, nv)
@@ -317,7 +317,7 @@ class Course:
         return found[0]
 
 
-def judged_status(course: Course) -> tuple[RunStatus, str]:
+def judged_status(course: JudgedMotion) -> tuple[RunStatus, str]:
     """Status of a motion that came to its end, and each limit that it has left, in a sentence."""
     found = [
         (RunStatus.OPENED, left_open(course)),
@@ -331,7 +331,7 @@ def judged_status(course: Course) -> tuple[RunStatus, str]:
     return left[0][0], "; ".join(said for _, said in left)
 
 
-def left_open(course: Course) -> str:
+def left_open(course: JudgedMotion) -> str:
     """Largest gap of a constraint, if it is beyond the limit."""
     limit, first = course.limits.violation, float(course.violation[0])
     if limit is None:
@@ -356,7 +356,7 @@ def opening_cure(solver: Solver) -> str:
     return "use a smaller dt, a higher order, or another drift scheme"
 
 
-def moved_apart(course: Course) -> str:
+def moved_apart(course: JudgedMotion) -> str:
     """Largest |J v|, if it is beyond the limit."""
     limit, speeds = course.limits.constraint_velocity, course.constraint_velocity.copy()
     speeds[: _closed_from(course)] = 0.0  # an open start closes at some speed
@@ -379,7 +379,7 @@ def moved_apart(course: Course) -> str:
     )
 
 
-def _bend(course: Course, when: int) -> float:
+def _bend(course: JudgedMotion, when: int) -> float:
     """|J v| [m/s, rad/s] at the end of a step whose velocity is tangent to curved paths within."""
     equations = gauge_of(course.scene_at(when)).equations
     equations.at(float(course.t[when]))
@@ -387,7 +387,7 @@ def _bend(course: Course, when: int) -> float:
     return 2 * course.dt * float(np.abs(gamma).max(initial=0.0))
 
 
-def penetration_fault(course: Course) -> str:
+def penetration_fault(course: JudgedMotion) -> str:
     """Deepest contact, or joint past its stop, if it is beyond the limit."""
     worst_excess, said = 0.0, ""
     found = [
@@ -413,7 +413,7 @@ def penetration_fault(course: Course) -> str:
     return said
 
 
-def _depth_limits(course: Course, phase: Phase, gaps: Array) -> Array:
+def _depth_limits(course: JudgedMotion, phase: Phase, gaps: Array) -> Array:
     """Depth of each contact and stop [m, rad] that is within the limit."""
     limit, scheme = course.limits.penetration, course.integrator
     begun = np.maximum(-gaps[0], 0.0) if phase.samples.start == 0 else np.zeros(gaps.shape[1])
@@ -426,7 +426,7 @@ def _depth_limits(course: Course, phase: Phase, gaps: Array) -> Array:
 
 
 def _closing_speeds(
-    course: Course, found: Sequence[tuple[Phase, Sequence[str], Array]]
+    course: JudgedMotion, found: Sequence[tuple[Phase, Sequence[str], Array]]
 ) -> dict[str, float]:
     """Fastest rate of each gap [m/s, rad/s] in the motion, by schemes that push nothing out."""
     # Depth stays from one phase to the next: in its own, a contact may be at rest.
@@ -442,14 +442,14 @@ def _closing_speeds(
     return fastest
 
 
-def _depth_cure(course: Course) -> str:
+def _depth_cure(course: JudgedMotion) -> str:
     scheme = course.integrator
     if isinstance(scheme, ContactScheme) and scheme.closes_gaps:
         return "use a smaller dt"
     return "use a smaller dt, or StewartTrinkle(), which pushes out what penetrates"
 
 
-def energy_fault(course: Course) -> str:
+def energy_fault(course: JudgedMotion) -> str:
     """Largest energy without work, if it is beyond the limit."""
     energy, limit = course.energy, course.limits.energy
     rest, scale = unexplained_energy(course), energy.scale
@@ -467,7 +467,7 @@ def energy_fault(course: Course) -> str:
     )
 
 
-def energy_cure(course: Course) -> str:
+def energy_cure(course: JudgedMotion) -> str:
     """Advice on how to reduce the energy error."""
     if course.integrator.between_events.is_adaptive:
         return "use finer tolerances"
@@ -479,7 +479,7 @@ def energy_cure(course: Course) -> str:
     )
 
 
-def unexplained_energy(course: Course) -> Array:
+def unexplained_energy(course: JudgedMotion) -> Array:
     """Energy that appeared or vanished without work since the loops were closed (k,) [J]."""
     # Less what the quadrature of work over the samples may be off by. Compliant constraints, or
     # that close an open start, do work: it is zero while they do.
@@ -492,7 +492,7 @@ def unexplained_energy(course: Course) -> Array:
     return np.asarray(np.where(rest < 0.0, 0.0, rest))
 
 
-def of_a_step(course: Course) -> float:
+def of_a_step(course: JudgedMotion) -> float:
     """Energy [J] that gravity and torques exchange in one step, by schemes of first order."""
     # They are half a step late or early: m g v dt / 2 of a free fall, a share of 1 / k after k
     # steps.
@@ -503,14 +503,14 @@ def of_a_step(course: Course) -> float:
     return float(max((course.dt / np.maximum(spans, course.dt) * each).max() for each in by_each))
 
 
-def smallest_energy(course: Course) -> float:
+def smallest_energy(course: JudgedMotion) -> float:
     """Negligible energy [J]: rounding of energies, and work to lift the robot by 1 nm."""
     gravity = float(np.linalg.norm(course.scene.robot.model.gravity.linear))
     lifted = tolerances.ENERGY_KEPT * course.scene.robot.mass * gravity
     return max(course.energy.kept, lifted)
 
 
-def _closed_from(course: Course) -> int:
+def _closed_from(course: JudgedMotion) -> int:
     """The first sample at which an open start is closed; the number of samples if it never is."""
     closed = course.violation <= tolerances.NEARLY_CLOSED
     return int(closed.argmax()) if closed.any() else len(closed)
@@ -521,12 +521,12 @@ def _is_of_first_order(integrator: Integrator) -> bool:
     return isinstance(integrator, ContactScheme) or integrator.order.q == 1
 
 
-def _is_hard(course: Course) -> bool:
+def _is_hard(course: JudgedMotion) -> bool:
     """True if constraints are rigid, not softened by the choice of a solver."""
     return course.solver.exact or not any(phase.scene.rows for phase in course.phases)
 
 
-def _at(course: Course, when: int) -> Scene:
+def _at(course: JudgedMotion, when: int) -> Scene:
     """Scene of a sample, its driven rows where they are then."""
     return course.scene_at(when).at(float(course.t[when]))
 
@@ -607,7 +607,10 @@ def estimated_error(trajectory: Trajectory) -> MotionError:
     doubled = int(np.clip(budget // 9, 1, _DOUBLED))
     windows = int(np.clip(budget // (3 * doubled), 1, _WINDOWS))
     window = 2 * doubled * run.dt
-    again, shares = _Again(trajectory, points, doubled), (np.arange(windows) + 0.5) / windows
+    again, shares = (
+        _RepeatedSteps(trajectory, points, doubled),
+        (np.arange(windows) + 0.5) / windows,
+    )
     errors = [again.error_from(share * (float(t[-1]) - window)) for share in shares]
     known = [error for error in errors if isfinite(error)]
     if not known:
@@ -617,7 +620,7 @@ def estimated_error(trajectory: Trajectory) -> MotionError:
     return MotionError(float(typical) * float(t[-1]) / window, moved, size, turned)
 
 
-class _Again:
+class _RepeatedSteps:
     """Some steps of a motion taken again, from where they began."""
 
     def __init__(self, trajectory: Trajectory, points: Points, doubled: int) -> None:
@@ -657,7 +660,7 @@ class _Again:
         if key not in self._systems:
             run, scene = self._motion.run, phase.scene
             workspace = Workspace(scene.bilateral.at(0.0), run.solver, drift=run.drift.rows)
-            torque = Applied(scene.robot, self._torque, self._torque.slopes)
+            torque = AppliedTorques(scene.robot, self._torque, self._torque.slopes)
             self._systems[key] = System(
                 workspace, torque, springs=run.effects.springs, damping=run.effects.damping,
                 contacts=scene.contact_bounds,

@@ -58,7 +58,7 @@ from condyn_pin.simulation.motion_status import (
 )
 from condyn_pin.simulation.plan import default_solver
 from condyn_pin.simulation.records import Phase
-from condyn_pin.simulation.torques import Passive
+from condyn_pin.simulation.torques import PassiveForces
 from condyn_pin.stepping.single_step import ProvedSteps
 
 if TYPE_CHECKING:
@@ -117,7 +117,7 @@ class _Ground(NamedTuple):
     apart: frozenset[str]  # bodies that do not touch it, by the description
 
 
-class _Passed(NamedTuple):
+class _Penetration(NamedTuple):
     """Deepest penetration of a collision shape into a plane of the ground."""
 
     solid: _Solid
@@ -133,7 +133,7 @@ def bodies_passed(trajectory: Trajectory) -> list[str]:
         return []
     solids = _solids(trajectory.scene.robot)
     looks = np.unique(np.linspace(0, len(trajectory.t) - 1, _LEFT_OUT_SAMPLES).astype(int))
-    worst: dict[tuple[str, str], _Passed] = {}
+    worst: dict[tuple[str, str], _Penetration] = {}
     for phase in trajectory.phases if solids else ():
         start, stop, _ = phase.samples.indices(len(trajectory.t))
         here = looks[(start <= looks) & (looks < stop)]
@@ -147,7 +147,7 @@ def bodies_passed(trajectory: Trajectory) -> list[str]:
     return [_text(each, float(trajectory.t[0])) for each in deepest_first[:_LISTED]]
 
 
-def _text(found: _Passed, t0: float) -> str:
+def _text(found: _Penetration, t0: float) -> str:
     solid, plane = found.solid, found.plane
     when = "from the start" if found.first <= t0 else f"from t = {found.first:.3g} s on"
     cure = "a FrictionalContact(..., on=..., on_shape=Plane(...)) of its shape does too"
@@ -163,12 +163,12 @@ def _text(found: _Passed, t0: float) -> str:
 
 def _penetrating_bodies(
     trajectory: Trajectory, scene: Scene, looks: NDArray[np.int_], solids: tuple[_Solid, ...]
-) -> list[_Passed]:
+) -> list[_Penetration]:
     """Bodies that are in a plane of a scene at some samples, by more than they may be."""
     planes = _planes(scene)
     model = scene.robot.unedited
     data = data_of(model)
-    found: dict[tuple[int, int], _Passed] = {}
+    found: dict[tuple[int, int], _Penetration] = {}
     for i in looks:
         algorithms(data).forwardKinematics(model, data, trajectory.q[i])
         t = float(trajectory.t[i])
@@ -188,7 +188,7 @@ def _penetrating_bodies(
                 before = found.get((k, s))
                 if depth > allowed and (before is None or depth > before.depth):
                     first = before.first if before else t
-                    found[k, s] = _Passed(solid, plane, depth, t, first)
+                    found[k, s] = _Penetration(solid, plane, depth, t, first)
     return list(found.values())
 
 
@@ -509,7 +509,7 @@ def _answers_in(trajectory: Trajectory, phase: Phase) -> Iterator[tuple[float, S
     by_default = run.solver == default_solver(trajectory.phases[-1].scene)
     solver = default_solver(phase.scene) if by_default else run.solver
     workspace = Workspace(phase.scene.at(0.0), solver, drift=run.drift.rows)
-    passive = Passive.of(phase.scene.robot, springs=effects.springs, damping=effects.damping)
+    passive = PassiveForces.of(phase.scene.robot, springs=effects.springs, damping=effects.damping)
     start, stop = phase.samples.start, phase.samples.stop
     for i in np.unique(np.linspace(start, stop - 1, _SAMPLES).astype(int)):
         t, q, v = float(trajectory.t[i]), trajectory.q[i], trajectory.v[i]

@@ -37,7 +37,7 @@ from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.motion_status import Effects, MotionLimits, check_limits
 from condyn_pin.simulation.records import candidates_of
 from condyn_pin.simulation.stability import check_stability_limit
-from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian
+from condyn_pin.simulation.torques import AppliedTorques, Torque, TorqueJacobian
 from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 
 # More samples do not fit into a memory.
@@ -52,7 +52,7 @@ class Plan:
     """The choices of a run, checked; without a solver each scene takes its own by default."""
 
     scene: Scene
-    tau: Applied
+    tau: AppliedTorques
     duration: float  # [s], what was asked for
     dt: float  # [s], the step
     steps: int
@@ -91,7 +91,7 @@ def plan(
                 check_stability_limit(integrator, constraint.drift, dt)
     check_count("record", record)
     _check_jacobian(tau, jacobian, integrator)
-    torque = Applied(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
+    torque = AppliedTorques(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
     return Plan(
         scene=scene, tau=torque, duration=duration, dt=dt, steps=steps, every=record,
         integrator=integrator, drift=drift, solver=solver, effects=effects, events=happenings,

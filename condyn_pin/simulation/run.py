@@ -26,10 +26,10 @@ from condyn_pin.mechanism.closing import with_anchors
 from condyn_pin.simulation.events import (
     Event,
     EventRecord,
+    EventWatch,
     RunEnd,
     Snapshot,
     Switch,
-    Watch,
     ZenoDetected,
     switch,
 )
@@ -345,7 +345,7 @@ class HybridSimulator:
         self._remarks = self.phase.remarks = Remarks()
         self.recorders = [self.phase.begin(self.t, q, v, self._work)]
         self.happened: list[EventRecord] = []
-        self._watch = Watch(plan.events)
+        self._watch = EventWatch(plan.events)
         if plan.events:
             self._watch.values = self._look(self.t, q, v)
 

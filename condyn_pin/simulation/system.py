@@ -31,7 +31,7 @@ from condyn_pin.dynamics.workspace import LARGEST, SMALLEST, Workspace
 from condyn_pin.errors import NotAssembled, StepFailed
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.records import NO_WORK, ContactWork, Row
-from condyn_pin.simulation.torques import Applied, Passive, Torque
+from condyn_pin.simulation.torques import AppliedTorques, PassiveForces, Torque
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.integrators.integrator import Integrator
@@ -63,18 +63,18 @@ class System:
     def __init__(
         self,
         workspace: Workspace,
-        tau: float | ArrayLike | Torque | Applied = 0.0,
+        tau: float | ArrayLike | Torque | AppliedTorques = 0.0,
         *,
         springs: bool = True,
         damping: bool = True,
-        passive: Passive | None = None,
+        passive: PassiveForces | None = None,
         contacts: Sequence[BoundContact] = (),
     ) -> None:
         robot = workspace.scene.robot
         self.workspace, self.model = workspace, workspace.model
         self.manifold = Manifold(self.model)
-        self.applied = tau if isinstance(tau, Applied) else Applied(robot, tau)
-        self.passive = passive or Passive.of(robot, springs=springs, damping=damping)
+        self.applied = tau if isinstance(tau, AppliedTorques) else AppliedTorques(robot, tau)
+        self.passive = passive or PassiveForces.of(robot, springs=springs, damping=damping)
         self.torque = total_torque(self.applied, self.passive)
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
         self.contacts, self._bounds = Candidates(self.model, contacts), contacts
@@ -247,7 +247,7 @@ class System:
         return np.array(algorithms(data).crba(self.model, data, q))
 
 
-def total_torque(applied: Applied, passive: Passive, dt: float = 0.0) -> Torque:
+def total_torque(applied: AppliedTorques, passive: PassiveForces, dt: float = 0.0) -> Torque:
     """Return the torques applied with those of springs and damping."""
     # With dt, springs act as they do at the end of a step, were it not for a: dt K v more.
     between, sprung = passive.between, len(passive.k) > 0
@@ -370,7 +370,7 @@ def implicit_system(system: System, dt: float) -> System:
     # Torques of a function that comes with its derivatives act there too.
     applied, passive = system.applied, system.passive
     if not passive.is_nothing:
-        system = _Heavier(system, dt, _torque_at_end(system, dt))
+        system = _ImplicitSystem(system, dt, _torque_at_end(system, dt))
     return system if applied.jacobian is None else _WithSlopes(system, dt)
 
 
@@ -381,7 +381,7 @@ def iterated_system(system: System, dt: float, last: Callable[[], Array]) -> Sys
     # and however large D and K are, they do not keep the iteration from it; nor do those of the
     # torques of a function, once their slopes are known.
     if not system.passive.is_nothing:
-        system = _Heavier(system, dt, _torque_of_last(system, dt, last))
+        system = _ImplicitSystem(system, dt, _torque_of_last(system, dt, last))
     return system if system.applied.constant is not None else _WithSlopes(system, dt, last)
 
 
@@ -410,7 +410,7 @@ def _torque_at_end(system: System, dt: float) -> Torque:
     return straight
 
 
-def _added(passive: Passive, dt: float) -> Callable[[Array, Array], Array]:
+def _added(passive: PassiveForces, dt: float) -> Callable[[Array, Array], Array]:
     """Return (q, a) -> what dt D + dt^2 K takes of an acceleration (nv,) [N, N m]."""
     inertia, between = passive.inertia(dt), passive.between
 
@@ -424,7 +424,7 @@ def _added(passive: Passive, dt: float) -> Callable[[Array, Array], Array]:
     return added
 
 
-class _Heavier(System):
+class _ImplicitSystem(System):
     """A system with more inertia, dt D + dt^2 K, and another torque."""
 
     def __init__(self, system: System, dt: float, torque: Torque) -> None:

@@ -37,7 +37,7 @@ TorqueJacobian = Callable[[float, Array, Array], tuple[ArrayLike, ArrayLike]]
 _H: Final = 2.0**-26
 
 
-class Applied:
+class AppliedTorques:
     """Torques and external forces of a run; arguments are those of `simulate`.
 
     The shape of a user function's torques is checked: numpy would broadcast other shapes
@@ -181,7 +181,7 @@ class Applied:
 
 
 @dataclass(frozen=True, eq=False)
-class Passive:
+class PassiveForces:
     """Springs and damping of a robot, as arrays."""
 
     d: Array  # (nv,) damping [N m s/rad, N s/m]
@@ -195,7 +195,7 @@ class Passive:
     between: SpringDampers | None = None
 
     @staticmethod
-    def of(robot: Robot, *, springs: bool = True, damping: bool = True) -> Passive:
+    def of(robot: Robot, *, springs: bool = True, damping: bool = True) -> PassiveForces:
         """Springs and damping of a robot that are on."""
         chosen = [spring for spring in robot.springs if springs and spring.stiffness]
         at_q, at_v = indices(robot.model, [spring.joint for spring in chosen])
@@ -204,7 +204,7 @@ class Passive:
             for each in robot.spring_dampers
             if (springs and each.stiffness) or (damping and each.damping)
         ]
-        return Passive(
+        return PassiveForces(
             np.array(robot.model.damping, dtype=float) * damping,
             np.array([spring.stiffness for spring in chosen]),
             np.array([spring.reference for spring in chosen]),

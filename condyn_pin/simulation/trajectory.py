@@ -36,7 +36,7 @@ from condyn_pin.simulation.measures import (
     work,
 )
 from condyn_pin.simulation.motion_status import (
-    Course,
+    JudgedMotion,
     MotionError,
     Run,
     RunStatus,
@@ -52,7 +52,7 @@ from condyn_pin.simulation.records import (
     gaps_along,
     row_names,
 )
-from condyn_pin.simulation.torques import Passive
+from condyn_pin.simulation.torques import PassiveForces
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -135,10 +135,10 @@ class Trajectory:
         return (run.status, run.reason) if status.ok else (status, reason)
 
     @property
-    def course(self) -> Course:
+    def course(self) -> JudgedMotion:
         """The motion as its status is judged."""
         run, measured = self.run, self._kinematics
-        return Course(
+        return JudgedMotion(
             phases=self.phases, t=self.t, q=self.q, v=self.v, violation=measured.violation,
             constraint_velocity=measured.constraint_velocity, energy=self.energy, dt=run.dt,
             integrator=run.integrator, solver=run.solver, limits=run.limits,
@@ -322,7 +322,7 @@ def energy_of(trajectory: Trajectory, kinematics: Kinematics) -> Energy:
     """Return the energies at the samples, work integrated over these."""
     run, t = trajectory.run, trajectory.t
     robot, effects = trajectory.scene.robot, run.effects
-    passive = Passive.of(robot, springs=effects.springs, damping=effects.damping)
+    passive = PassiveForces.of(robot, springs=effects.springs, damping=effects.damping)
     with np.errstate(all="ignore"):  # a run that was lost ends with numbers that overflow
         applied = _Power(trajectory, lambda q, v, tau: np.sum(tau * v, axis=1))
         damped = _Power(trajectory, lambda q, v, tau: -passive.dissipation(q, v))

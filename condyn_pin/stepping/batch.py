@@ -16,7 +16,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import NORMALISED, normalised
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.compiled import compiled
-from condyn_pin._core.rows import BatchResult, Native, Verb, run
+from condyn_pin._core.rows import BatchResult, Native, RowWork, run
 from condyn_pin._core.show import require_pandas
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
@@ -140,7 +140,7 @@ _scenes = ThreadCache[Scene]()
 
 
 @dataclass(frozen=True)
-class SteppedRows(Verb):
+class SteppedRows(RowWork):
     """One step from each state; workspaces know no contacts."""
 
     contacts: tuple[Contact, ...]

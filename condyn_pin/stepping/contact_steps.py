@@ -34,15 +34,15 @@ from condyn_pin._core.linalg import MinimumNorm, factorise
 from condyn_pin._core.models import algorithms
 from condyn_pin.contact.condense import condense
 from condyn_pin.contact.problem import OPEN, ContactProblem, Modes, contact_modes
-from condyn_pin.contact.restitution import Strike
+from condyn_pin.contact.restitution import ImpactAnswer
 from condyn_pin.contact.solution import verified
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.errors import SolveFailed, StepFailed
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.integrators.contact_scheme import (
     AT_REST,
+    ActiveContacts,
     ContactScheme,
-    Near,
     fastest,
     yielding_gaps,
 )
@@ -55,7 +55,7 @@ from condyn_pin.stepping.step_problem import (
     ActiveCandidates,
     CurvatureCorrection,
     EndsOfPaths,
-    Kept,
+    ReusedParts,
     StepAttempt,
     StepProblem,
     answered,
@@ -314,7 +314,7 @@ class ContactSteps:
             path = last.posed.v if last.posed.path is None else last.posed.path
             along = next_path(last.posed, path, last.v)
             if (of_groups >= 0).any():
-                kept = Kept(of, np.append(of_groups == 0, False)[of_gaps], first)
+                kept = ReusedParts(of, np.append(of_groups == 0, False)[of_gaps], first)
                 along = kept_paths(of, paths, along)
             paths.append(along)
             return answered(self.pose_along(last.posed, along, kept), solver)
@@ -425,7 +425,7 @@ class ContactSteps:
         elif bent is not None:
             bends, end = bent[chosen.gaps], straight
             e = np.where(bends == 0.0, e, 0.0)  # what rests does not rebound
-        near = Near(
+        near = ActiveContacts(
             dt=dt, gaps=here, bends=bends, restitution=e, normals=chosen.normals, G=now.G,
             before=before, free=now.contact_velocities, blocks=chosen.sets.blocks,
         )  # fmt: skip
@@ -482,7 +482,7 @@ class ContactSteps:
             size += float(weights.dot(np.einsum("ri,ij,rj->r", rows, M_inv, rows)))
         return size <= 1.0
 
-    def _struck(self, chosen: ActiveCandidates, near: Near) -> Strike | None:
+    def _struck(self, chosen: ActiveCandidates, near: ActiveContacts) -> ImpactAnswer | None:
         """Return the impact with which a step begins, None if nothing strikes."""
         law, e = self._scheme.impacts, near.restitution
         if law is None or not e.any():
@@ -494,7 +494,7 @@ class ContactSteps:
         return strike if strike.notes or strike.apart.any() else None
 
     def impact_at(
-        self, chosen: ActiveCandidates, near: Near, at: Array, v: Array
+        self, chosen: ActiveCandidates, near: ActiveContacts, at: Array, v: Array
     ) -> ContactProblem:
         """Contact problem of the same contacts before an impact at another state."""
         # Placements are those of that state; `near` has the contacts of the step.
@@ -505,7 +505,9 @@ class ContactSteps:
         there = condense(factors, J_c, v, 0.0 * v, J_b.dot(v))
         return chosen.impact(near._replace(G=there.G, before=J_c.dot(v)))
 
-    def pose_along(self, posed: StepProblem, u: Array, kept: Kept | None = None) -> StepProblem:
+    def pose_along(
+        self, posed: StepProblem, u: Array, kept: ReusedParts | None = None
+    ) -> StepProblem:
         """Return a step again, with its contacts as they are where a path along u ends."""
         # Those that are `kept` at the beginning bend as they did there.
         there, dt = self.ends.there(posed.at, u), self._dt
@@ -523,7 +525,7 @@ class ContactSteps:
         J_c = there.J[chosen.rows]
         now, gaps = posed.condensed.with_contacts(J_c), begun[chosen.gaps]
         bends = bent[chosen.gaps] - dt * J_c.dot(u)[chosen.normals]
-        near = Near(
+        near = ActiveContacts(
             dt=dt, gaps=gaps, bends=bends, restitution=chosen.restitution, normals=chosen.normals,
             G=now.G, before=J_c.dot(posed.v), free=now.contact_velocities,
             blocks=chosen.sets.blocks,
@@ -580,7 +582,7 @@ CLOSED = 1e-13
 SMALL = 1e-6
 
 
-class Closing(NamedTuple):
+class ClosingInterval(NamedTuple):
     """A part of the way on which loops are closed, by the same factors."""
 
     factors: MinimumNorm  # of the step, or of `begin`
@@ -612,9 +614,9 @@ class LoopProjection:
             won += float(passive.energy(q1) - passive.energy(q))
         return float(won)
 
-    def closing_path(self, of_step: MinimumNorm, q: Array) -> list[Closing]:
+    def closing_path(self, of_step: MinimumNorm, q: Array) -> list[ClosingInterval]:
         """Path from q to closed loops by Newton steps, one part for each set of factors."""
-        way, least = [Closing(of_step, q, q)], inf
+        way, least = [ClosingInterval(of_step, q, q)], inf
         for _ in range(_CLOSINGS if of_step.rank else 0):
             c = self._equations.violation(q)
             gap = max(map(abs, c.tolist()))
@@ -626,6 +628,6 @@ class LoopProjection:
             if gap > SMALL:
                 J = self._equations.consistent_jacobian(q)
                 factors = self._factors(self._system.mass(q), J, q)
-                way.append(Closing(factors, q, q))
+                way.append(ClosingInterval(factors, q, q))
             q = self._system.integrate(q, way[-1].factors.closing(c))
         return way

@@ -217,7 +217,7 @@ class Segment(NamedTuple):
     at_end: bool  # whether that is the force of a contact
 
 
-class _Try(NamedTuple):
+class _SegmentAttempt(NamedTuple):
     """A segment of some size: its size, its end, and forces and margins there."""
 
     h: float
@@ -259,8 +259,8 @@ class Segments:
             return Segment(t1, made.terms.q, made.terms.v, work, bool(fell), part in (1, 2, 3))
 
     def _guided(
-        self, now: PhaseStart, guide: Guide
-    ) -> tuple[ModeDynamics, _Try, NDArray[np.bool_]]:
+        self, now: PhaseStart, guide: SlipGuidance
+    ) -> tuple[ModeDynamics, _SegmentAttempt, NDArray[np.bool_]]:
         """Segment with guided slips turned as required, and flags of those that miss."""
         # By Newton's method on the rates; how speeds across slips depend on them is found at once.
         turning, slopes = np.zeros(len(guide.guided)), None
@@ -279,8 +279,8 @@ class Segments:
         return dynamics, made, self._guide.is_off(guide, across, made.terms)
 
     def _turned(
-        self, now: PhaseStart, guide: Guide, turning: Array
-    ) -> tuple[ModeDynamics, _Try, Array]:
+        self, now: PhaseStart, guide: SlipGuidance, turning: Array
+    ) -> tuple[ModeDynamics, _SegmentAttempt, Array]:
         """Segment with guided slips turned at given rates, and their final velocity across."""
         dynamics = now.dynamics
         if guide.guided.any():
@@ -288,7 +288,9 @@ class Segments:
         made = self._moved(now, dynamics, guide.h, 1.0)
         return dynamics, made, self._guide.across(dynamics, made.terms)
 
-    def _moved(self, now: PhaseStart, dynamics: ModeDynamics, h: float, share: float) -> _Try:
+    def _moved(
+        self, now: PhaseStart, dynamics: ModeDynamics, h: float, share: float
+    ) -> _SegmentAttempt:
         """End of a share of a segment of length h [s], with its forces and margins."""
         terms, size = now.terms, share * h
         if size:
@@ -296,7 +298,7 @@ class Segments:
             q, v, _ = self._inner.start(smooth, size).step(terms.t, terms.q, terms.v)
             terms = ContactTerms(self._system, terms.t + size, q, v)
         held = dynamics.solve(terms)
-        return _Try(
+        return _SegmentAttempt(
             size,
             terms,
             held,
@@ -304,7 +306,7 @@ class Segments:
         )
 
     def _share(
-        self, now: PhaseStart, dynamics: ModeDynamics, made: _Try, part: int, i: int
+        self, now: PhaseStart, dynamics: ModeDynamics, made: _SegmentAttempt, part: int, i: int
     ) -> tuple[float, int]:
         """Share of a segment at which a margin is zero, and the part of that margin."""
         from scipy.optimize import brentq
@@ -323,7 +325,7 @@ class Segments:
 
         return float(brentq(value, 0.0, 1.0, xtol=_FOUND, rtol=_FOUND)), part
 
-    def _work(self, now: PhaseStart, dynamics: ModeDynamics, made: _Try) -> float:
+    def _work(self, now: PhaseStart, dynamics: ModeDynamics, made: _SegmentAttempt) -> float:
         """Return the work of friction on a segment [J], by Simpson's rule."""
         # The state in the middle is that of the cubic through both ends and their slopes.
         start, end = now.held.lam.dot(now.terms.sigma), made.held.lam.dot(made.terms.sigma)
@@ -406,7 +408,7 @@ _SETTLED, _NONE = 1e-7, 1e-9
 _SLIP_FOUND, _ROUNDED = 1e-10, 1e-13
 
 
-class Guide(NamedTuple):
+class SlipGuidance(NamedTuple):
     """Length of a segment, and the slips that are guided in it."""
 
     h: float  # largest length of the segment [s]
@@ -421,7 +423,7 @@ class SlipGuide:
     def __init__(self, candidates: Candidates) -> None:
         self._candidates = candidates
 
-    def before(self, now: PhaseStart, left: float, bent: NDArray[np.bool_]) -> Guide:
+    def before(self, now: PhaseStart, left: float, bent: NDArray[np.bool_]) -> SlipGuidance:
         """Length and guided slips of a segment of `left` seconds at most."""
         # `bent` flags slips that were guided along a line to their end, and missed it.
         terms, rough = now.terms, self._rough(now.dynamics)
@@ -445,7 +447,7 @@ class SlipGuide:
                 left = min(left, -_SLOWED * speed / ahead)
             if slow:
                 left = min(left, speed / (_SLOW * friction))
-        return Guide(left, guided, ending)
+        return SlipGuidance(left, guided, ending)
 
     def has_turned(self, dynamics: ModeDynamics, end: ContactTerms) -> bool:
         """True if a slip without guidance has turned by more than the tolerance."""
@@ -458,7 +460,7 @@ class SlipGuide:
         s, v = dynamics.ahead(end.t), end.tangent
         return np.where(dynamics.guided, s[:, 0] * v[:, 1] - s[:, 1] * v[:, 0], 0.0)
 
-    def is_off(self, guide: Guide, across: Array, end: ContactTerms) -> NDArray[np.bool_]:
+    def is_off(self, guide: SlipGuidance, across: Array, end: ContactTerms) -> NDArray[np.bool_]:
         """Flags (cones,) of slip velocities `across` above the tolerance."""
         found = np.maximum(_SLIP_FOUND * end.speed, _ROUNDED * end.fastest)
         return np.asarray(np.abs(across) > np.where(guide.ends, _NONE * end.fastest, found))

@@ -27,7 +27,7 @@ from condyn_pin.contact.problem import (
     scale_of,
     stiffness_of,
 )
-from condyn_pin.contact.restitution import Strike
+from condyn_pin.contact.restitution import ImpactAnswer
 from condyn_pin.contact.solution import (
     attempt_contact,
     drop_inconsistent_rows,
@@ -37,8 +37,8 @@ from condyn_pin.contact.solution import (
 from condyn_pin.contact.solvers.contact_solver import ContactSolver, SolverResult
 from condyn_pin.simulation.integrators.contact_scheme import (
     AT_REST,
+    ActiveContacts,
     ContactScheme,
-    Near,
     allowed_gaps,
     are_slower,
 )
@@ -65,12 +65,12 @@ class StepProblem(NamedTuple):
     J_n: Array  # (k, nv), the rates of their gaps at `at`
     chosen: ActiveCandidates
     condensed: Condensed
-    near: Near
+    near: ActiveContacts
     problem: ContactProblem
-    strike: Strike | None = None  # the impact with which the step begins
+    strike: ImpactAnswer | None = None  # the impact with which the step begins
     span: float = 0.0  # over which springs and damping act: dt, or its half in the middle [s]
     t: float = 0.0  # when the equations are taken [s]
-    kept: Kept | None = None
+    kept: ReusedParts | None = None
 
     def total(self, lam: Array) -> Array:
         """Return all impulses of the contacts (m,), of the impact and of the step behind it."""
@@ -85,7 +85,7 @@ class StepProblem(NamedTuple):
         return self.condensed.velocity(self.total(lam))
 
 
-class Kept(NamedTuple):
+class ReusedParts(NamedTuple):
     """Parts of an earlier attempt that a step keeps when it is tried again along a path."""
 
     of: NDArray[np.int_]  # (nv,), the attempt whose path each velocity has; -1 for the next one
@@ -120,7 +120,7 @@ class ActiveCandidates:
         self.names = tuple(compress(candidates.names, active))
         self.sets = ContactSets(self.friction, self.half_lines, self.limits)
 
-    def impact(self, near: Near) -> ContactProblem:
+    def impact(self, near: ActiveContacts) -> ContactProblem:
         """Return the cones and half-lines of a step as they are before it: g is J_c v."""
         m = self._striking.size
         return ContactProblem.trusted(
@@ -133,7 +133,7 @@ class ActiveCandidates:
     def _striking(self) -> ContactSets:
         return ContactSets(self.friction, self.half_lines, np.zeros(0))
 
-    def problem(self, scheme: ContactScheme, near: Near) -> ContactProblem:
+    def problem(self, scheme: ContactScheme, near: ActiveContacts) -> ContactProblem:
         """Return the contact problem of a step."""
         g, R = scheme.bias(near)
         stiffness = stiffness_of(near.G, R)  # what is asked for in any case takes longer if cached
@@ -361,7 +361,7 @@ def drive_work(posed: StepProblem, lam: Array, rows: Indices) -> float:
     return 0.5 * float(condensed.constraint_impulses(lam)[rows].dot(rates))
 
 
-def _pushing_out(near: Near, lam: Array, work: float) -> float:
+def _pushing_out(near: ActiveContacts, lam: Array, work: float) -> float:
     """Return the part of work that is there only because gaps were negative [J]."""
     if min(near.gaps.tolist(), default=0.0) >= -AT_REST:
         return 0.0

@@ -171,7 +171,7 @@ _ACCURATE = 1e-13
 _NONE = 1e-8
 
 
-class Choice(NamedTuple):
+class ModeChoice(NamedTuple):
     """Next modes of the contacts, and the residual of their problem."""
 
     dynamics: ModeDynamics | None  # None if no force lets what slides go on
@@ -201,7 +201,7 @@ class NextModes:
         self._all_dry = np.ones(candidates.intervals, dtype=bool)
         self._parts = slice(0, 3 * k), slice(3 * k, 3 * k + n), slice(3 * k + n, candidates.rows)
 
-    def next(self, terms: ContactTerms) -> Choice:
+    def next(self, terms: ContactTerms) -> ModeChoice:
         """Modes of the contacts from a state in which none approaches."""
         candidates, (cones, lines, dry) = self._candidates, self._parts
         active = np.concatenate((terms.rests, self._all_dry))
@@ -222,14 +222,14 @@ class NextModes:
         stopped = np.einsum("kx,kx->k", rate[cones].reshape(-1, 3)[:, :2], along) < _FAR / 2
         if (slides & stopped).any() or not natural <= tolerances.CONTACT_SOLVED:
             fastest = float(terms.speed[slides].max(initial=0.0))
-            return Choice(None, natural, lam * (fastest / (_FAR * scale)))
+            return ModeChoice(None, natural, lam * (fastest / (_FAR * scale)))
         of_cones = self._of_cones(lam[cones] * unit, rate[cones], slides, along)
         of_lines = np.where(lam[lines] * unit > _NONE, STICK, OPEN)
         moves = (sense == 0) & (np.abs(rate[dry]) > _NONE)
         sense[moves] = np.sign(rate[dry][moves])
         of_dry = np.where(sense == 0, STICK, SLIDE)
         modes = np.concatenate((of_cones, of_lines, of_dry))
-        return Choice(ModeDynamics(candidates, modes, along, sense, lam), natural, lam)
+        return ModeChoice(ModeDynamics(candidates, modes, along, sense, lam), natural, lam)
 
     def impact(self, terms: ContactTerms) -> ImpactResult:
         """Impact of approaching contacts, by the law of restitution."""
@@ -255,7 +255,7 @@ class NextModes:
             which[np.flatnonzero(terms.approaches)[stuck]] = True
             raise blocked_path_error(self._named(which), terms.t)
 
-    def shock(self, terms: ContactTerms, choice: Choice) -> ImpactResult:
+    def shock(self, terms: ContactTerms, choice: ModeChoice) -> ImpactResult:
         """Shock that stops slips where no finite force allows them to go on."""
         struck, natural = self._struck(terms, np.zeros(len(terms.gaps)), choice.guess)
         changed = np.abs(struck.v - terms.v).max(initial=0.0) > _NONE * terms.fastest

@@ -25,7 +25,7 @@ from condyn_pin._core.tolerances import DOUBT, SOLVED
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import CondynError, InvalidArgument
-from condyn_pin.study.measures.measure import WRONG, Answer, Measure
+from condyn_pin.study.measures.measure import WRONG, ComparedAnswer, Measure
 from condyn_pin.study.states import States
 from condyn_pin.study.tables import ALONE, Key, Method, Parameter, Row, key, usual_parameters
 
@@ -112,9 +112,9 @@ def measure_errors(case: Case, solver: Method) -> Row:
     )
 
 
-def _answers(case: Case, solver: Method) -> tuple[list[Answer], Counter[str], list[str]]:
+def _answers(case: Case, solver: Method) -> tuple[list[ComparedAnswer], Counter[str], list[str]]:
     """Answers of a solver, counts of states by status, and notes on failures."""
-    answers: list[Answer] = []
+    answers: list[ComparedAnswer] = []
     statuses: Counter[str] = Counter()
     notes: dict[str, None] = {}
 

@@ -30,7 +30,7 @@ from condyn_pin.viewing.bodies import body_parts, lighter, touch_parts, with_coa
 from condyn_pin.viewing.instant import Instant, PlottedForce, extent, instant, plane_normal, touched
 from condyn_pin.viewing.marks import (
     Camera,
-    Maximum,
+    LargestForce,
     arrow_parts,
     balance_notes,
     balance_parts,
@@ -110,7 +110,7 @@ def draw(
     before: Instant | None = None,
     frames: Array | None = None,
     gaps: Iterable[Mapping[str, ConstraintViolation]] | None = None,
-    peaks: Mapping[str, Maximum] | None = None,
+    peaks: Mapping[str, LargestForce] | None = None,
     fps: float = 30.0,
     speed: float = 1.0,
     light: bool = False,
@@ -159,7 +159,7 @@ def draw(
 
 def _constraint_parts(
     scenes: Sequence[Scene], instants: Sequence[Instant], worst: Mapping[str, ConstraintViolation],
-    peaks: Mapping[str, Maximum], size: float, cones: bool,
+    peaks: Mapping[str, LargestForce], size: float, cones: bool,
 ) -> Iterator[Part]:  # fmt: skip
     """Parts of the loops of all scenes, then of contacts, and of the forces of both."""
     for scene in scenes:

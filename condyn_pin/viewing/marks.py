@@ -149,7 +149,7 @@ _LEAST = 1e-3  # of the largest arrow: what is smaller is not drawn
 _ROUNDING = 1e-9  # of the weight, of moments at the size of the scene: no force of what flies
 
 
-class Maximum(NamedTuple):
+class LargestForce(NamedTuple):
     """The largest force and moment of a constraint in a motion."""
 
     force: float  # [N]
@@ -178,14 +178,16 @@ class _Arrow:
         vector = force.in_world()[self.part]
         return (force.at, vector) if len(vector) else None
 
-    def most(self, instants: Sequence[Instant], peaks: Mapping[str, Maximum]) -> tuple[float, str]:
+    def most(
+        self, instants: Sequence[Instant], peaks: Mapping[str, LargestForce]
+    ) -> tuple[float, str]:
         """Return its largest norm [N, N m], and the body that it acts on; zero if never seen."""
         seen = [(self.vector(at), self.acting(at)) for at in instants]
         found = [(float(np.linalg.norm(vector[1])), force) for vector, force in seen if vector]
         largest, force = max(found, key=lambda each: each[0], default=(0.0, None))
         if force is None:
             return 0.0, ""
-        peak = peaks.get(self.name, Maximum(0.0, 0.0))
+        peak = peaks.get(self.name, LargestForce(0.0, 0.0))
         return max(largest, peak.moment if self.unit == "N m" else peak.force), force.on
 
 
@@ -205,7 +207,7 @@ def body_of(robot: Robot, name: str) -> str:
 
 
 def arrow_parts(
-    scene: Scene, instants: Sequence[Instant], size: float, peaks: Mapping[str, Maximum]
+    scene: Scene, instants: Sequence[Instant], size: float, peaks: Mapping[str, LargestForce]
 ) -> Iterator[Part]:
     """Return the arrows of every constraint and contact of a scene of a `size` [m], with labels."""
     # Arrows follow a motion. Labels do not: they show its `peaks`, by name, marked as such.

@@ -18,7 +18,7 @@ from condyn_pin.dynamics.solution import Sites
 from condyn_pin.simulation.trajectory import Trajectory, balances
 from condyn_pin.viewing import part as three
 from condyn_pin.viewing.instant import Instant, PlottedForce, instant
-from condyn_pin.viewing.marks import Camera, Maximum
+from condyn_pin.viewing.marks import Camera, LargestForce
 from condyn_pin.viewing.part import Part
 
 
@@ -98,10 +98,12 @@ def gaps_of(trajectory: Trajectory) -> Iterator[dict[str, ConstraintViolation]]:
             yield gaps(phase.scene, equations.violation(q))
 
 
-def peaks_of(trajectory: Trajectory) -> dict[str, Maximum]:
+def peaks_of(trajectory: Trajectory) -> dict[str, LargestForce]:
     """Return the largest forces and moments of all samples by name, drawn or not."""
     return {
-        name: Maximum(*(float(np.linalg.norm(part, axis=1).max()) for part in (f[:, :3], f[:, 3:])))
+        name: LargestForce(
+            *(float(np.linalg.norm(part, axis=1).max()) for part in (f[:, :3], f[:, 3:]))
+        )
         for name, f in trajectory.forces.items()
     }
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from condyn_pin._core.arguments import check_type, register
-from condyn_pin.constraints.constraint import Constraint, GivenFields, Machine, MjcfGeomWriter
+from condyn_pin.constraints.constraint import Constraint, FramedModel, GivenFields, MjcfGeomWriter
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.places import short_frames
 from condyn_pin.errors import InvalidModel, UnsupportedConstraint, unknown_name
@@ -54,7 +54,7 @@ class Contact(GivenFields, ABC):
         return candidate == self.name or candidate.startswith(f"{self.name}/")
 
     @abstractmethod
-    def bind(self, machine: Machine) -> BoundContact:
+    def bind(self, machine: FramedModel) -> BoundContact:
         """Return the contact bound to the joints of a machine."""
 
     @abstractmethod
@@ -84,7 +84,7 @@ class Contact(GivenFields, ABC):
 # Joints by name, for what acts along their coordinates.
 
 
-def joint_named(machine: Machine, name: str) -> Any:
+def joint_named(machine: FramedModel, name: str) -> Any:
     """Joint of the model, or UnknownName."""
     if name not in machine.joints:
         raise unknown_name("joint", name, machine.joints)

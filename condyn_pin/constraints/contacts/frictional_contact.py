@@ -16,7 +16,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite, text_of
 from condyn_pin.constraints.constraint import (
     Constraint,
-    Machine,
+    FramedModel,
     MjcfGeomWriter,
     Vector3,
     floats,
@@ -150,7 +150,7 @@ class FrictionalContact(Contact):
         if self.shape == self.on_shape == Point():
             raise InvalidArgument("on_shape = Point(): points never meet; make one a Ball")
 
-    def bind(self, machine: Machine) -> BoundContact:
+    def bind(self, machine: FramedModel) -> BoundContact:
         """Return its contact points over the plane, or the pair of shapes."""
         joint, placement = machine.frame(self.frame)
         in_world = isinstance(self.on, Plane)

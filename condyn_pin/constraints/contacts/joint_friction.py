@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from condyn_pin._core._pin import dry_friction
 from condyn_pin.constraints.constraint import (
     Constraint,
-    Machine,
+    FramedModel,
     MjcfGeomWriter,
     not_negative,
     text,
@@ -53,7 +53,7 @@ class JointFriction(Contact):
             object.__setattr__(self, "torque", not_negative("torque", self.torque))
         self._set_name(f"{self.joint}/friction")
 
-    def bind(self, machine: Machine) -> BoundContact:
+    def bind(self, machine: FramedModel) -> BoundContact:
         """Return a row for each coordinate of the joint."""
         joint = joint_named(machine, self.joint)
         numbers = range(joint.idx_v, joint.idx_v + joint.nv)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from condyn_pin._core.models import UNLIMITED, lengths
-from condyn_pin.constraints.constraint import Constraint, Machine, MjcfGeomWriter, text
+from condyn_pin.constraints.constraint import Constraint, FramedModel, MjcfGeomWriter, text
 from condyn_pin.constraints.contacts.contact import Contact, Mode, joint_named, not_held
 from condyn_pin.constraints.contacts.touches import BoundContact, BoundJointLimit
 from condyn_pin.errors import InvalidArgument
@@ -44,7 +44,7 @@ class JointLimit(Contact):
         text("joint", self.joint, "joint")
         self._set_name(self.joint)
 
-    def bind(self, machine: Machine) -> BoundContact:
+    def bind(self, machine: FramedModel) -> BoundContact:
         """Return its stops, the lower end of each coordinate first."""
         joint = joint_named(machine, self.joint)
         if joint.nq != joint.nv:

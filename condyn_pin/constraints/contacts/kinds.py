@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import get_args
 
-from condyn_pin.constraints.constraint import Constraint, Machine
+from condyn_pin.constraints.constraint import Constraint, FramedModel
 from condyn_pin.constraints.contacts.contact import CONTACTS as CONTACTS
 from condyn_pin.constraints.contacts.contact import Contact, Mode
 from condyn_pin.constraints.contacts.frictional_contact import (
@@ -20,7 +20,7 @@ from condyn_pin.errors import InvalidArgument, InvalidConstraint, unknown_name
 
 
 def bind_contacts(
-    robot: Machine, contacts: Sequence[Contact], taken: Sequence[str] = ()
+    robot: FramedModel, contacts: Sequence[Contact], taken: Sequence[str] = ()
 ) -> tuple[BoundContact, ...]:
     """Bind contacts to a robot, in the order given.
 

@@ -20,21 +20,21 @@ import numpy as np
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.drift import Baumgarte, gains
-from condyn_pin.constraints.rows.bound import Bound, TwoFrameConstraint, length
+from condyn_pin.constraints.rows.bound import BoundBetweenFrames, TwoFrameConstraint, length
 from condyn_pin.constraints.rows.frames import Ends, Joints, indices, rows_of
 from condyn_pin.constraints.rows.special import BoundRelation, skews
 
 _skew = pin.skew
 
 # A constraint between two frames, but for points.
-Pair: TypeAlias = Bound | BoundRelation
+Pair: TypeAlias = BoundBetweenFrames | BoundRelation
 
 
 # Places in `Motion.by` of the partials of a velocity by q and v, and of its rate by q and v.
 V_Q, J_, A_Q, A_V = range(4)
 
 
-class Motion(NamedTuple):
+class FrameMotion(NamedTuple):
     """Velocity, its rate, and the partials of both: of a frame in its own axes, or of many."""
 
     v: Array  # (6,)
@@ -61,10 +61,10 @@ class Motion(NamedTuple):
         """Partials (6, nv) of the rate by v."""
         return self.by[..., A_V, :]
 
-    def mapped(self, X: Array) -> Motion:
+    def mapped(self, X: Array) -> FrameMotion:
         """Motions X v of many, with constant matrices (k, 6, 6)."""
         v, a = _times(X, np.array((self.v, self.a)))
-        return Motion(v, a, _each(X, self.by))
+        return FrameMotion(v, a, _each(X, self.by))
 
     def classical(self) -> tuple[Array, Array, Array]:
         """Acceleration of the origin of one frame, and its partials by q and v."""
@@ -76,17 +76,19 @@ class Motion(NamedTuple):
             self.a_v[:3] + W @ self.J[:3] - V @ self.J[3:],
         )
 
-    def still(self) -> Motion:
+    def still(self) -> FrameMotion:
         """Frame that does not change by a twist of the other."""
-        return Motion(self.v, self.a, np.zeros((6, 4, 6)))
+        return FrameMotion(self.v, self.a, np.zeros((6, 4, 6)))
 
-    def by_twist(self) -> Motion:
+    def by_twist(self) -> FrameMotion:
         """Frame with its partials by a twist of it on its body."""
         by = spatial_cross(self.v), np.eye(6), spatial_cross(self.a), np.zeros((6, 6))
-        return Motion(self.v, self.a, np.stack(by, axis=1))
+        return FrameMotion(self.v, self.a, np.stack(by, axis=1))
 
 
-def relative_motion(one: Motion, two: Motion, X: Array, lever: Array | None) -> Motion:
+def relative_motion(
+    one: FrameMotion, two: FrameMotion, X: Array, lever: Array | None
+) -> FrameMotion:
     """Motion of body 1 relative to body 2 in the axes of c1, at the origin of c2."""
     # X maps motions at c2 to those axes, and `lever` those at c1 to the origin of c2; without it
     # the origin is that of c1, and X maps to there.
@@ -111,7 +113,7 @@ def relative_motion(one: Motion, two: Motion, X: Array, lever: Array | None) -> 
         lin[:, :, ::A_Q] -= (by_J @ J[:, :, :3]).swapaxes(1, 2)
         lin[:, :, A_Q:] += _each(by_p, by[:, 3:, :A_Q]) - _each(by_w, lin[:, :, :A_Q])
         rate[:, :3] += _times(by_p, w)
-    return Motion(s, rate, by)
+    return FrameMotion(s, rate, by)
 
 
 def _each(A: Array, by: Array) -> Array:
@@ -146,19 +148,19 @@ _SPATIAL: Final = np.array([pin.Motion(e).action.ravel() for e in np.eye(6)])
 # - v x J with v.
 
 
-class At(NamedTuple):
+class EndsAtState(NamedTuple):
     """Ends of k constraints at one state."""
 
-    one: Motion
-    two: Motion
+    one: FrameMotion
+    two: FrameMotion
     X: Array  # (k, 6, 6), motions in c2 to those in c1
     R: Array  # (k, 3, 3), c1Mc2
     r: Array  # (k, 3)
 
     @classmethod
-    def single(cls, one: Motion, two: Motion, c1Mc2: Any) -> At:
+    def single(cls, one: FrameMotion, two: FrameMotion, c1Mc2: Any) -> EndsAtState:
         """Ends of one constraint."""
-        many1, many2 = (Motion(end.v[None], end.a[None], end.by[None]) for end in (one, two))
+        many1, many2 = (FrameMotion(end.v[None], end.a[None], end.by[None]) for end in (one, two))
         X, R, r = c1Mc2.toActionMatrix(), c1Mc2.rotation, c1Mc2.translation
         return cls(many1, many2, X[None], R[None], r[None])
 
@@ -195,7 +197,7 @@ class EndPartials:
         self._columns = np.zeros((6, 4, n))  # v_q, J, a_q and a_v
         self._X = np.zeros((2 * k, 6, 6))
 
-    def evaluate(self) -> At:
+    def evaluate(self) -> EndsAtState:
         """Ends of the constraints, by the derivatives of Newton-Euler's recursion."""
         (J, dJ, A_q, A_v), columns, X = self._left, self._columns, self._X
         columns[:, 0], columns[:, 1], columns[:, 2], columns[:, 3] = A_v - dJ, J, A_q, A_v
@@ -215,7 +217,13 @@ class EndPartials:
         between = np.zeros((k, 6, 6))
         between[:, :3, :3] = between[:, 3:, 3:] = R
         between[:, :3, 3:] = skews(r) @ R
-        return At(Motion(v[:k], a[:k], parts[:k]), Motion(v[k:], a[k:], parts[k:]), between, R, r)
+        return EndsAtState(
+            FrameMotion(v[:k], a[:k], parts[:k]),
+            FrameMotion(v[k:], a[k:], parts[k:]),
+            between,
+            R,
+            r,
+        )
 
 
 class Frames:
@@ -223,7 +231,7 @@ class Frames:
 
     def __init__(self, model: Any, data: Any) -> None:
         self._model, self.data = model, data
-        self._world = Motion(np.zeros(6), np.zeros(6), np.zeros((6, 4, model.nv)))
+        self._world = FrameMotion(np.zeros(6), np.zeros(6), np.zeros((6, 4, model.nv)))
 
     @property
     def nv(self) -> int:
@@ -238,18 +246,18 @@ class Frames:
             moved[at : at + self._model.nvs[above]] = 1.0
         return moved
 
-    def ends(self, b: Pair) -> tuple[Motion, Motion, Any]:
+    def ends(self, b: Pair) -> tuple[FrameMotion, FrameMotion, Any]:
         """Ends c1 and c2, and their relative placement c1Mc2."""
         c1, c2 = b.ends(self.data.oMi)
         one, two = self.end(b.joint1, b.placement1), self.end(b.joint2, b.placement2)
         return one, two, c1.actInv(c2)
 
-    def end(self, joint: int, placement: Any) -> Motion:
+    def end(self, joint: int, placement: Any) -> FrameMotion:
         """Frame on a joint as the end of a constraint."""
         if joint == 0:
             return self._world
         v, a = placement.actInv(self.data.v[joint]), placement.actInv(self.data.a[joint])
-        return Motion(v.vector, a.vector, self.partials(joint, placement))
+        return FrameMotion(v.vector, a.vector, self.partials(joint, placement))
 
     def partials(self, joint: int, placement: Any) -> Array:
         """Partials (6, 4, nv) of the motion of a frame on a joint."""
@@ -288,7 +296,7 @@ def dual_cross(wrench: Array) -> Array:
 # R^T f besides by R^T (delta_ang x f).
 
 
-class Rows(NamedTuple):
+class FrameRows(NamedTuple):
     """Rows of some constraints, with what they are made of."""
 
     by: Array  # (rows, 4, nv), partials of J v, and of J a + gamma with what pulls the rows back
@@ -298,7 +306,7 @@ class Rows(NamedTuple):
     weights: tuple[Array, Array] | None  # W and D; None if the rows are some of s
 
 
-class Wrenches(NamedTuple):
+class WrenchPartials(NamedTuple):
     """Wrenches on both bodies, and their partials."""
 
     f: Array  # (k, 6), W^T lam
@@ -311,7 +319,7 @@ class Wrenches(NamedTuple):
 _ONE: Final = np.eye(6)
 
 
-class Kinds:
+class FrameConstraints:
     """Constraints between two frames, with their weights.
 
     Each has p rows here, of which `chosen` are those that it has.
@@ -319,19 +327,19 @@ class Kinds:
 
     def __init__(self, bounds: Sequence[Pair], drift: Baumgarte | None) -> None:
         self._bounds, self._drift = bounds, drift
-        of_six = (isinstance(b, Bound) and not b.is_rod for b in bounds)
+        of_six = (isinstance(b, BoundBetweenFrames) and not b.is_rod for b in bounds)
         self._p = p = max(6 if six else b.size for b, six in zip(bounds, of_six, strict=True))
         self.rows = rows_of(bounds)
         self._chosen = indices([p * i + j for i, b in enumerate(bounds) for j in b.of_six])
         self.signs = np.concatenate([np.full((b.size, 1), b.sign) for b in bounds])
         # rows of the motion at the origin of c1, of c2, or weighed ones of the latter
-        self._about_c1 = all(isinstance(b, Bound) and b.is_about_c1 for b in bounds)
-        are_cut = all(isinstance(b, Bound) and b.is_cut for b in bounds)
+        self._about_c1 = all(isinstance(b, BoundBetweenFrames) and b.is_about_c1 for b in bounds)
+        are_cut = all(isinstance(b, BoundBetweenFrames) and b.is_cut for b in bounds)
         self._weigh, self._signed = not (self._about_c1 or are_cut), bool((self.signs < 0).any())
         if drift:
             self._Kp, self._Kd = (each[:, None] for each in gains(bounds, drift))
 
-    def at(self, at: At) -> Rows:
+    def at(self, at: EndsAtState) -> FrameRows:
         """Rows at the ends of one state."""
         k, p, lever = len(self._bounds), self._p, None if self._about_c1 else at.lever
         X = at.X if lever is None else at.turn
@@ -350,9 +358,9 @@ class Kinds:
             by = by * self.signs[:, :, None]
         if self._drift:
             by[:, A_Q] += self._Kp * self._c_q(at, W, J) + self._Kd * by[:, V_Q]
-        return Rows(by, J, X, lever, weights)
+        return FrameRows(by, J, X, lever, weights)
 
-    def wrenches(self, rows: Rows, lam: Array) -> Wrenches:
+    def wrenches(self, rows: FrameRows, lam: Array) -> WrenchPartials:
         """Wrenches of the forces lam (rows,)."""
         _, J, X, lever, weights = rows
         k, p, XT = len(J), self._p, X.swapaxes(1, 2)
@@ -364,15 +372,15 @@ class Kinds:
             f = (f[:, None] @ W)[:, 0]
         turned = dual_crosses(f)
         if lever is None:
-            return Wrenches(f, _ONE[None], XT, None, XT @ turned @ J)
+            return WrenchPartials(f, _ONE[None], XT, None, XT @ turned @ J)
         # the lever of body 1 changes, not that of body 2
         w1_q, to1 = np.zeros((k, 6, 6)), lever.swapaxes(1, 2)
         w1_q[:, 3:, :3], turned[:, 3:, :3] = -turned[:, 3:, :3], 0.0
         if weights:
             w1_q, turned = w1_q + to1 @ f_q, turned + f_q
-        return Wrenches(f, to1, XT, w1_q @ J, XT @ turned @ J)
+        return WrenchPartials(f, to1, XT, w1_q @ J, XT @ turned @ J)
 
-    def _c_q(self, at: At, W: Array, J: Array) -> Array:
+    def _c_q(self, at: EndsAtState, W: Array, J: Array) -> Array:
         """Partials of c (rows, nv)."""
         W = np.broadcast_to(W, (len(self._bounds), self._p, 6))
         C = np.stack([by_gap(*each) for each in zip(self._bounds, at.R, at.r, W, strict=True)])
@@ -438,8 +446,13 @@ _STRAIGHT: Final = 1e-4  # [rad]; below, the series of (1 - angle cot(angle)) / 
 
 
 def of_point(
-    b: Bound, one: Motion, two: Motion, c1Mc2: Any, lam: Array, drift: Baumgarte | None
-) -> tuple[Array, Wrenches]:
+    b: BoundBetweenFrames,
+    one: FrameMotion,
+    two: FrameMotion,
+    c1Mc2: Any,
+    lam: Array,
+    drift: Baumgarte | None,
+) -> tuple[Array, WrenchPartials]:
     """Partials (3, 4, 6) of a point, whose two forces act at both origins: they have no lever."""
     # J v = v1 - R v2,    J a + gamma = a1 - R a2,    c = -r
     R, r, f = c1Mc2.rotation, c1Mc2.translation, b.sign * lam
@@ -453,4 +466,4 @@ def of_point(
     w2_q = np.concatenate((-R.T @ _skew(f) @ Ja, np.zeros_like(Ja)))
     six, to2 = np.concatenate((f, np.zeros(3))), np.kron(np.eye(2), R.T)
     rows = b.sign * np.stack((v_q, J, s_q, a1_v - R @ a2_v), axis=1)
-    return rows, Wrenches(six, _ONE, to2, None, w2_q)
+    return rows, WrenchPartials(six, _ONE, to2, None, w2_q)

@@ -22,16 +22,16 @@ from condyn_pin.constraints.partials.motion import (
     A_Q,
     J_,
     V_Q,
-    At,
     EndPartials,
+    EndsAtState,
+    FrameConstraints,
+    FrameMotion,
     Frames,
-    Kinds,
-    Motion,
     Pair,
     dual_cross,
     of_point,
 )
-from condyn_pin.constraints.rows.bound import Bound, BoundConstraint
+from condyn_pin.constraints.rows.bound import BoundBetweenFrames, BoundConstraint
 from condyn_pin.constraints.rows.frames import AXES, ONE, ROWS, PointEnds, rows_of
 from condyn_pin.constraints.rows.special import (
     FLAT,
@@ -125,7 +125,7 @@ class ConstraintPartials:
         b = self._bounds[name]
         if isinstance(b, BoundRolling):
             return self._rolling.by_frame(b, lam[b.rows])
-        assert isinstance(b, Bound | BoundRelation)  # a coupling has no frames
+        assert isinstance(b, BoundBetweenFrames | BoundRelation)  # a coupling has no frames
         return self._pairs.by_frame(b, lam[b.rows], end)
 
 
@@ -147,13 +147,16 @@ class PairPartials:
         pairs = [
             b
             for b in bounds
-            if isinstance(b, BoundRelation) or (isinstance(b, Bound) and not b.is_point)
+            if isinstance(b, BoundRelation)
+            or (isinstance(b, BoundBetweenFrames) and not b.is_point)
         ]
         self.k = len(pairs)
         # rows of one end; what pulls them back has two
-        self._held = [b for b in pairs if not drift and isinstance(b, Bound) and b.is_held]
+        self._held = [
+            b for b in pairs if not drift and isinstance(b, BoundBetweenFrames) and b.is_held
+        ]
         self._between = between = [b for b in pairs if b not in self._held]
-        self._kinds = Kinds(between, drift) if between else None
+        self._kinds = FrameConstraints(between, drift) if between else None
         # a single one is quicker by itself
         self._ends = EndPartials(frames, between) if len(between) > 1 else None
 
@@ -180,17 +183,19 @@ class PairPartials:
         if self._kinds:
             out[self._kinds.rows] = self._kinds.at(self._at()).by[:, V_Q]
 
-    def _of_held(self, b: Bound) -> Array:
+    def _of_held(self, b: BoundBetweenFrames) -> Array:
         """Partials (rows, 4, nv) of a frame's own velocity."""
         by = self._frames.partials(b.joint1, b.placement1)
         if b.size < 6:
             by = by[list(b.selection)]
         return by if b.sign > 0 else -by
 
-    def _at(self) -> At:
+    def _at(self) -> EndsAtState:
         """Ends of those between two frames."""
         return (
-            self._ends.evaluate() if self._ends else At.single(*self._frames.ends(*self._between))
+            self._ends.evaluate()
+            if self._ends
+            else EndsAtState.single(*self._frames.ends(*self._between))
         )
 
     def by_frame(self, b: Pair, lam: Array, end: int) -> tuple[Array, Array]:
@@ -199,12 +204,12 @@ class PairPartials:
         moving1, moving2 = (
             each.by_twist() if end == i else each.still() for i, each in ((1, one), (2, two))
         )
-        if isinstance(b, Bound) and b.is_point:
+        if isinstance(b, BoundBetweenFrames) and b.is_point:
             drift = self._drift and (b.drift or self._drift)
             by, of = of_point(b, moving1, moving2, c1Mc2, lam, drift)
         else:
-            kind = Kinds([b], self._drift)
-            rows = kind.at(At.single(moving1, moving2, c1Mc2))
+            kind = FrameConstraints([b], self._drift)
+            rows = kind.at(EndsAtState.single(moving1, moving2, c1Mc2))
             by, of = rows.by, kind.wrenches(rows, lam)
         w1 = np.zeros((6, 6)) if of.w1_q is None else of.w1_q.reshape(6, 6)
         w2, f = of.w2_q.reshape(6, 6), of.f.reshape(6)
@@ -290,7 +295,7 @@ class PointPartials:
         self, model: Any, data: Any, bounds: Sequence[BoundConstraint], drift: Baumgarte | None
     ) -> None:
         self._data, self._drift, self._n = data, drift, model.nv
-        points = [b for b in bounds if isinstance(b, Bound) and b.is_point]
+        points = [b for b in bounds if isinstance(b, BoundBetweenFrames) and b.is_point]
         points.sort(key=lambda b: b.joint2 == 0)  # those between two bodies come first
         self.k, self.between = k, between = len(points), sum(b.joint2 > 0 for b in points)
         self._rows, self._ends = rows_of(points), PointEnds(data, points)
@@ -381,7 +386,7 @@ class PointPartials:
         return np.asarray(self._anchored * (J[self._rows].reshape(self.k, 3, -1) - turned))
 
 
-def _moving_columns(model: Any, points: Sequence[Bound]) -> Array:
+def _moving_columns(model: Any, points: Sequence[BoundBetweenFrames]) -> Array:
     """Flags (2, k, 1, 1, nv) as numbers: one for a column that moves the body of c1, or of c2."""
     moved = np.zeros((2, len(points), 1, 1, model.nv))
     for i, b in enumerate(points):
@@ -435,7 +440,7 @@ class RollingPartials:
         of = self._rows(b, one.by_twist(), lam)
         return -one.J.T @ (of.wrench_q + dual_cross(self._wrench(b, lam))), of.s_q
 
-    def _rows(self, b: BoundRolling, one: Motion, lam: Array) -> Rows:
+    def _rows(self, b: BoundRolling, one: FrameMotion, lam: Array) -> FrameRowPartials:
         """Partials of one constraint; s_q includes the drift control."""
         touch = self._touch(b, one)
         of = rows_of_touch(touch, lam)
@@ -448,7 +453,7 @@ class RollingPartials:
             of = of._replace(s_q=of.s_q + drift.Kp * c_q + drift.Kd * v_q)
         return of
 
-    def _touch(self, b: BoundRolling, one: Motion) -> Touch:
+    def _touch(self, b: BoundRolling, one: FrameMotion) -> Touch:
         R = (self._frames.data.oMi[b.joint1] * b.placement1).rotation.T @ b.placement2.rotation
         return touch_of(b, one, R)
 
@@ -507,7 +512,7 @@ class Touch(NamedTuple):
     rate_v: Array
 
 
-class Rows(NamedTuple):
+class FrameRowPartials(NamedTuple):
     """Partial derivatives of the rows, and of their wrench at the origin of c1, in its axes."""
 
     J: Array  # (rows, nv)
@@ -516,7 +521,7 @@ class Rows(NamedTuple):
     wrench_q: Array  # (6, nv)
 
 
-def touch_of(b: BoundRolling, one: Motion, R: Array) -> Touch:
+def touch_of(b: BoundRolling, one: FrameMotion, R: Array) -> Touch:
     """Contact point of a rolling constraint; R turns vectors of the plane into the body's axes."""
     n = _fixed_in_world(one, R[:, 2])
     if b.axle is None:
@@ -539,7 +544,7 @@ def touch_of(b: BoundRolling, one: Motion, R: Array) -> Touch:
     )
 
 
-def rows_of_touch(of: Touch, lam: Array) -> Rows:
+def rows_of_touch(of: Touch, lam: Array) -> FrameRowPartials:
     """Partials of the rows and of the force lam."""
     J = np.array([t.x @ of.slip_v for t in of.axes])
     s_q = np.array(
@@ -549,7 +554,7 @@ def rows_of_touch(of: Touch, lam: Array) -> Rows:
     force = sum((f * t.x for f, t in zip(lam, of.axes, strict=True)), np.zeros(3))
     force_q = sum((f * t.x_q for f, t in zip(lam, of.axes, strict=True)), np.zeros_like(of.slip_q))
     moment_q = _skew(of.r.x) @ force_q - _skew(force) @ of.r.x_q
-    return Rows(J, s_q, s_v, np.concatenate([force_q, moment_q]))
+    return FrameRowPartials(J, s_q, s_v, np.concatenate([force_q, moment_q]))
 
 
 def v_q_of_touch(of: Touch) -> Array:
@@ -557,7 +562,7 @@ def v_q_of_touch(of: Touch) -> Array:
     return np.array([t.x @ of.slip_q + of.slip @ t.x_q for t in of.axes])
 
 
-def _fixed_in_world(one: Motion, x: Array) -> Vector:
+def _fixed_in_world(one: FrameMotion, x: Array) -> Vector:
     X, w = _skew(x), one.v[3:]
     x_q = X @ one.J[3:]
     return Vector(x, x_q, X @ w, X @ one.v_q[3:] - _skew(w) @ x_q)

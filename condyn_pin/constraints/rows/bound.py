@@ -27,7 +27,7 @@ from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.equations import Equations
-    from condyn_pin.constraints.rows.redundancy import LeftOut
+    from condyn_pin.constraints.rows.redundancy import RedundantRows
 
 
 # Rows of a constraint as numbers: what the compiled core has in place of a bound constraint.
@@ -89,7 +89,7 @@ _EPS = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
-class Drive:
+class RowPath:
     """Path of driven rows: c = s(t), J v = s'(t), J a + gamma = s''(t).
 
     `along` returns the three at a time; `time` is the time of evaluation, None if it is not set.
@@ -106,7 +106,7 @@ class BoundConstraint(ABC):
     rows: slice  # its rows among those of the scene
     anchored: bool  # false for a contact that belongs wherever it is: it has no position error
     sign: float  # +1 if the force on the first-named body is the one on joint 1, else -1
-    drive: Drive | None  # what its rows follow, if they do not stay at zero
+    drive: RowPath | None  # what its rows follow, if they do not stay at zero
     drift: Baumgarte | None  # stabilisation of its own rows, in place of the scene's
 
     @property
@@ -326,7 +326,7 @@ FRAME: Final[tuple[int, ...]] = (0, 1, 2, 3, 4, 5)
 
 
 @dataclass(frozen=True)
-class Bound(TwoFrameConstraint):
+class BoundBetweenFrames(TwoFrameConstraint):
     """One constraint between two bodies, bound.
 
     joint1, placement1: the joint that carries frame c1, and where
@@ -350,7 +350,7 @@ class Bound(TwoFrameConstraint):
     axis: int = 2
     length: float = nan  # [m]
     lever: float = nan  # [m]
-    drive: Drive | None = None
+    drive: RowPath | None = None
     drift: Baumgarte | None = None
 
     @property
@@ -498,7 +498,8 @@ class Bound(TwoFrameConstraint):
 class PinocchioConstraint:
     """Constraint of Pinocchio, of 3 or of 6 rows.
 
-    `approximates` says whether it stands for rows of another kind; all else is as in `Bound`.
+    `approximates` is True where it stands for rows of another kind; all else is as in
+    `BoundBetweenFrames`.
     """
 
     name: str
@@ -514,7 +515,7 @@ class PinocchioConstraint:
 
     @classmethod
     def of(
-        cls, b: Bound, size: int, d1: Array | None = None, d2: Array | None = None
+        cls, b: BoundBetweenFrames, size: int, d1: Array | None = None, d2: Array | None = None
     ) -> PinocchioConstraint:
         """Point or frame, shifted by d1 in the axes of c1 and by d2 in those of c2."""
         # where a contact is unanchored, c2 is not read
@@ -573,12 +574,12 @@ class Terms:
         # at once: the guarded assignments of a frozen dataclass take twice as long
         self.__dict__.update(M=M, h=h, J=J, gamma=gamma, a_ref=a_ref)
 
-    def kept(self, left: LeftOut) -> Terms:
+    def kept(self, left: RedundantRows) -> Terms:
         """Terms without the combinations of rows that are left out.
 
         Parameters
         ----------
-        left : LeftOut
+        left : RedundantRows
             What is left out at their state.
         """
         J, gamma, a_ref = (left.kept(part) for part in (self.J, self.gamma, self.a_ref))

@@ -34,7 +34,7 @@ from condyn_pin.constraints.rows.groups import Groups, sorted_by_rows
 from condyn_pin.constraints.rows.special import BoundCoupling, BoundOwn, Rolling
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
+    from condyn_pin.constraints.rows.redundancy import Redundancy, RedundantRows
 
 
 # The rows of a scene at a state: c, J v, J a + gamma and J, and the wrenches that they transmit.
@@ -172,7 +172,7 @@ class ConstraintRows:
         self.motion(q, self._still, self._still)
         return self._c.copy(), more_than(least, self._raw_jacobian())
 
-    def left_out(self, J: Array, c: Array) -> LeftOut | None:
+    def left_out(self, J: Array, c: Array) -> RedundantRows | None:
         """Combinations of rows that are left out where rows are J, open by c."""
         # None on closed loops, unless digits of a file make rows count there.
         if self.redundancy is None:
@@ -182,12 +182,12 @@ class ConstraintRows:
             return found.left_out(J, c) if found else None
         return self.left_out_by_digits(J)
 
-    def left_out_by_digits(self, J: Array) -> LeftOut | None:
+    def left_out_by_digits(self, J: Array) -> RedundantRows | None:
         """Combinations of rows J that digits of a file alone make count; None without any."""
         rounded = self.digits and self.digits()
         return rounded.left_out_by_digits(J) if rounded else None
 
-    def left_out_at(self, q: Array) -> LeftOut | None:
+    def left_out_at(self, q: Array) -> RedundantRows | None:
         """Combinations of rows that are left out at q."""
         return None if self.redundancy is None else self.left_out(*self.position_level(q)[::-1])
 
@@ -494,7 +494,7 @@ def more_than(least: float, J: Array) -> Array:
 _largest, _WORLD = np.maximum.reduceat, pin.Convention.WORLD
 
 
-class Recursion(Protocol):
+class NewtonEuler(Protocol):
     """Newton-Euler recursion of another object, which is asked for its derivatives next."""
 
     def newton_euler(self, q: Array, v: Array, a: Array, wrenches: Any, answer: bytes) -> Array:
@@ -515,7 +515,7 @@ class Equations(ConstraintRows):
     recursion: what takes the place of rnea and crba in the errors of answers without loads
     """
 
-    recursion: Recursion | None = None
+    recursion: NewtonEuler | None = None
 
     def __init__(
         self, model: Any, bounds: Sequence[BoundConstraint], drift: Baumgarte | None = None

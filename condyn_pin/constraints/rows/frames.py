@@ -20,7 +20,12 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin, placement_view
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import POINT, Bound, BoundConstraint, TwoFrameConstraint
+from condyn_pin.constraints.rows.bound import (
+    POINT,
+    BoundBetweenFrames,
+    BoundConstraint,
+    TwoFrameConstraint,
+)
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.equations import ManyEnds
@@ -106,7 +111,7 @@ class WorldContacts:
     zeroes.
     """
 
-    def __init__(self, data: Any, bounds: Sequence[Bound], motion: Array) -> None:
+    def __init__(self, data: Any, bounds: Sequence[BoundBetweenFrames], motion: Array) -> None:
         self._joints, self._out = Joints(data, {b.joint1 for b in bounds}), motion
         points = [b for b in bounds if b.selection == POINT]
         self._points, self._has_points = rows_of(points), bool(points)
@@ -163,7 +168,7 @@ def indices(numbers: list[int]) -> NDArray[np.int_] | slice:
     return np.array(numbers, dtype=np.int_)
 
 
-class Wrenches:
+class JointWrenches:
     """Constraint forces as wrenches on the joints: f on joint 1, its opposite on joint 2.
 
     `places` say where the stacked force of a constraint is found, and which of the six components
@@ -278,7 +283,7 @@ _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 class CutJoints:
     """All loops of one scene with rows that Pinocchio does not have."""
 
-    def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
+    def __init__(self, ends: Ends, bounds: Sequence[BoundBetweenFrames]) -> None:
         self._bounds, self._ends = tuple(bounds), ends
         k = len(bounds)
         self._rows = rows_of(bounds)
@@ -389,7 +394,7 @@ class Balls:
     `ends` are those of one state, or of many, whose forces are not needed.
     """
 
-    def __init__(self, ends: PointEnds | ManyEnds, bounds: Sequence[Bound]) -> None:
+    def __init__(self, ends: PointEnds | ManyEnds, bounds: Sequence[BoundBetweenFrames]) -> None:
         self._ends = ends
         self._rows = rows_of(bounds)
         of_all = np.zeros((3, len(bounds), 3))
@@ -416,7 +421,7 @@ class Balls:
 class Weld:
     """One 6-row loop."""
 
-    def __init__(self, data: Any, bound: Bound) -> None:
+    def __init__(self, data: Any, bound: BoundBetweenFrames) -> None:
         self._data, self._bound = data, bound  # data keeps alive what the next lines refer to
         self._oMi1, self._oMi2 = data.oMi[bound.joint1], data.oMi[bound.joint2]
         self._v1, self._v2 = data.v[bound.joint1], data.v[bound.joint2]
@@ -458,7 +463,7 @@ _SMALLEST = 1e-300  # keeps 0/0 out of a direction that does not exist
 class Rods:
     """All rods of one scene."""
 
-    def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
+    def __init__(self, ends: Ends, bounds: Sequence[BoundBetweenFrames]) -> None:
         self._bounds, self._ends = tuple(bounds), ends
         self._rows = rows_of(bounds)
         self._lengths = np.array([b.length for b in bounds])

@@ -19,7 +19,7 @@ from condyn_pin.constraints.forces import frame_jacobian
 from condyn_pin.constraints.rows.bound import (
     FRAME,
     POINT,
-    Bound,
+    BoundBetweenFrames,
     BoundConstraint,
     PinocchioConstraint,
     TwoFrameConstraint,
@@ -29,41 +29,41 @@ from condyn_pin.constraints.rows.frames import (
     CutJoints,
     Ends,
     FrameJacobian,
+    JointWrenches,
     PointEnds,
     Rods,
     Weld,
     WorldContacts,
-    Wrenches,
     rows_of,
 )
 from condyn_pin.constraints.rows.special import (
     BoundRelation,
     BoundRolling,
+    CoordinateRows,
     Couplings,
-    OnCoordinates,
     Relations,
     Rolling,
 )
 
 
-class Sorted(NamedTuple):
+class GroupedConstraints(NamedTuple):
     """Constraints of one scene, sorted into groups, each in the order of the scene."""
 
-    held: list[Bound]  # on the world, in the axes of the body
-    balls: list[Bound]
-    welds: list[Bound]
-    cut: list[Bound]  # with other rows than Pinocchio's
-    rods: list[Bound]
+    held: list[BoundBetweenFrames]  # on the world, in the axes of the body
+    balls: list[BoundBetweenFrames]
+    welds: list[BoundBetweenFrames]
+    cut: list[BoundBetweenFrames]  # with other rows than Pinocchio's
+    rods: list[BoundBetweenFrames]
     rolled: list[BoundRolling]
     related: list[BoundRelation]
-    coupled: list[OnCoordinates]
+    coupled: list[CoordinateRows]
 
 
-def sorted_by_rows(bounds: Sequence[BoundConstraint]) -> Sorted:
+def sorted_by_rows(bounds: Sequence[BoundConstraint]) -> GroupedConstraints:
     """Constraints sorted by the method that evaluates their rows."""
-    pairs = [b for b in bounds if isinstance(b, Bound)]
+    pairs = [b for b in bounds if isinstance(b, BoundBetweenFrames)]
     loops = [b for b in pairs if not b.is_held]
-    return Sorted(
+    return GroupedConstraints(
         held=[b for b in pairs if b.is_held],
         balls=[b for b in loops if b.selection == POINT],
         welds=[b for b in loops if b.selection == FRAME],
@@ -71,7 +71,7 @@ def sorted_by_rows(bounds: Sequence[BoundConstraint]) -> Sorted:
         rods=[b for b in loops if b.is_rod],
         rolled=[b for b in bounds if isinstance(b, BoundRolling)],
         related=[b for b in bounds if isinstance(b, BoundRelation)],
-        coupled=[b for b in bounds if isinstance(b, OnCoordinates)],
+        coupled=[b for b in bounds if isinstance(b, CoordinateRows)],
     )
 
 
@@ -139,7 +139,7 @@ class Groups:
     def _place(
         self,
         loops: Sequence[Group],
-        plain: Sequence[Bound],
+        plain: Sequence[BoundBetweenFrames],
         others: Sequence[tuple[OtherRows, Sequence[TwoFrameConstraint], tuple[int, ...]]],
     ) -> None:
         """Assign every force its place among the stacked ones."""
@@ -153,7 +153,7 @@ class Groups:
                 places.append((b, slice(size, size + len(components)), components))
                 size += len(components)
             slices.append((group, slice(start, size)))
-        self._wrenches = Wrenches(self._model, places, size)
+        self._wrenches = JointWrenches(self._model, places, size)
         self._forces = np.zeros(2 * size)
         f1, f2 = self._forces[:size], self._forces[size:]
         self._lam = f1[: self._m]
@@ -216,7 +216,7 @@ class PinocchioRows:
     """
 
     def __init__(self, model: Any, data: Any, bounds: Sequence[BoundConstraint]) -> None:
-        plain = [b for b in bounds if isinstance(b, Bound) and b.is_plain]
+        plain = [b for b in bounds if isinstance(b, BoundBetweenFrames) and b.is_plain]
         self.rows, self.are_all = rows_of(plain), len(plain) == len(bounds)
         # a single column would come as a vector
         self._shape = sum(b.size for b in plain), model.nv
@@ -242,7 +242,7 @@ class PinocchioRows:
             out[rows] = gamma()
 
 
-def _gamma_of(model: Any, data: Any, b: Bound) -> Callable[[], Array]:
+def _gamma_of(model: Any, data: Any, b: BoundBetweenFrames) -> Callable[[], Array]:
     """Function that returns gamma of one constraint."""
     joint1, placement1, joint2, placement2 = b.joint1, b.placement1, b.joint2, b.placement2
     if joint2 == 0 and b.selection == POINT:

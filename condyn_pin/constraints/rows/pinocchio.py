@@ -41,7 +41,11 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.models import whole_data
 from condyn_pin.constraints.forces import frame_jacobian
-from condyn_pin.constraints.rows.bound import Bound, BoundConstraint, PinocchioConstraint
+from condyn_pin.constraints.rows.bound import (
+    BoundBetweenFrames,
+    BoundConstraint,
+    PinocchioConstraint,
+)
 from condyn_pin.constraints.rows.equations import ROUNDED
 
 
@@ -113,15 +117,15 @@ def _equivalent(
     # Nothing where it has nothing: neither of other rows, nor of rows that follow a path.
     if bound.drive:
         return [], np.zeros((bound.size, 0))
-    if isinstance(bound, Bound) and bound.is_plain:
+    if isinstance(bound, BoundBetweenFrames) and bound.is_plain:
         E_T = None if bound.sign > 0 else -np.eye(bound.size)
         return [PinocchioConstraint.of(bound, bound.size)], E_T
-    if isinstance(bound, Bound) and bound.is_hinge:
+    if isinstance(bound, BoundBetweenFrames) and bound.is_hinge:
         ends = bound.lever * np.array([1.0, -1.0])[:, None] * np.eye(3)[bound.axis]
         E = np.vstack([np.hstack([np.eye(3), -pin.skew(d)]) for d in ends])
         points = [PinocchioConstraint.of(bound, 3, d, d) for d in ends]
         return points, bound.sign * E[:, list(bound.selection)].T
-    if isinstance(bound, Bound) and bound.is_planar:
+    if isinstance(bound, BoundBetweenFrames) and bound.is_planar:
         height = _height_of(model, bound)
         if height is not None:
             point = PinocchioConstraint.of(bound, 3, height * np.eye(3)[bound.axis])
@@ -129,7 +133,7 @@ def _equivalent(
     return [], np.zeros((bound.size, 0))
 
 
-def _height_of(model: Any, b: Bound) -> float | None:
+def _height_of(model: Any, b: BoundBetweenFrames) -> float | None:
     """Distance from c1 to c2 along the axis of a planar pin [m]."""
     # None if that can change: the pin is one in space then.
     data = whole_data(model)

@@ -102,7 +102,7 @@ _TURNED: Final = 1e-10
 _TURNS: Final = 30
 
 
-class LeftOut(NamedTuple):
+class RedundantRows(NamedTuple):
     """Combinations of rows that are left out at one state."""
 
     N: Array  # (m, m - rank) orthonormal combinations of the rows as they are
@@ -154,7 +154,7 @@ class Redundancy:
         ranks = [found.left_out(J, c).rank for c, J in found._closed_states(rows, q)]
         return replace(found, floor=max(ranks))
 
-    def left_out(self, J: Array, c: Array, rank: int | None = None) -> LeftOut:
+    def left_out(self, J: Array, c: Array, rank: int | None = None) -> RedundantRows:
         """Combinations of rows that are left out where the rows are J (m, nv), open by c (m,)."""
         return _Pivoted(self, J, c, rank).left_out
 
@@ -171,7 +171,7 @@ class Redundancy:
         """Rows of J (m, nv) in the order in which they are pivots (m,)."""
         return _Pivoted(self, J, np.zeros(len(J))).order
 
-    def at(self, rows: ConstraintRows, q: Array) -> LeftOut:
+    def at(self, rows: ConstraintRows, q: Array) -> RedundantRows:
         """Combinations of rows that are left out at q."""
         # Where the move that closes the loops is long, `doubt` is measured: by how much A changes
         # on it, over the last pivot. A contact that slides to its anchor is far away, and in no
@@ -186,7 +186,7 @@ class Redundancy:
         return left
 
     def changes(
-        self, left: LeftOut, v: Array, a: Array, pull: Array, rate: Array, gravity: float
+        self, left: RedundantRows, v: Array, a: Array, pull: Array, rate: Array, gravity: float
     ) -> float:
         """Share of a that closing the loops and stopping J v changes, estimated by sizes [1]."""
         # The move dq, of length |y|, turns what J a and J^T lam are by |dq| over the last pivot,
@@ -198,12 +198,12 @@ class Redundancy:
         change = _OF_A_MOVE * (left.doubt * (of_a + pulled) + 2.0 * speed * dv / left.pivot)
         return change / size if size else change
 
-    def blurred(self, left: LeftOut, v: Array, a: Array, gravity: float) -> float:
+    def blurred(self, left: RedundantRows, v: Array, a: Array, gravity: float) -> float:
         """Share of a that rounding of the closing move changes, estimated by sizes [1]."""
         rounded = left._replace(doubt=self.least / left.pivot**2)
         return self.changes(rounded, v, a, 0.0 * a, np.zeros(len(self.R)), gravity)
 
-    def left_out_by_digits(self, J: Array) -> LeftOut | None:
+    def left_out_by_digits(self, J: Array) -> RedundantRows | None:
         """Combinations of rows that the digits of the file alone make count, if that is known."""
         if self.digits is None:
             return None
@@ -337,12 +337,12 @@ class _Pivoted:
         return self._lapack.dtrtrs(self._T[:k, :k], self._gaps[:k], 0, 1)[0]  # type: ignore[no-any-return]
 
     @property
-    def left_out(self) -> LeftOut:
+    def left_out(self) -> RedundantRows:
         """Combinations of rows that are left out."""
         N = self.N
         if N is None:
             N = np.zeros((self._m, 0))
-        return LeftOut(N, self.rank, self.doubt, self.pivot)
+        return RedundantRows(N, self.rank, self.doubt, self.pivot)
 
     @property
     def N(self) -> Array | None:

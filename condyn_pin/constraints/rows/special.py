@@ -28,7 +28,7 @@ from condyn_pin.constraints.rows.bound import (
     ROLL,
     BoundConstraint,
     CompiledRows,
-    Drive,
+    RowPath,
     TwoFrameConstraint,
     length,
     placement,
@@ -85,7 +85,7 @@ class BoundRelation(TwoFrameConstraint):
     relation: Relation
     anchored: bool = True
     sign: float = 1.0
-    drive: Drive | None = None
+    drive: RowPath | None = None
     drift: Baumgarte | None = None
 
     @property
@@ -216,7 +216,7 @@ class Relations:
             J[b.rows] = W @ np.vstack([linear, J1[3:] - R @ J2[3:]])
 
 
-class OnCoordinates(BoundConstraint, ABC):
+class CoordinateRows(BoundConstraint, ABC):
     """Rows of the coordinates, between no frames; their forces act along joints."""
 
     @property
@@ -248,7 +248,7 @@ class OnCoordinates(BoundConstraint, ABC):
 
 
 @dataclass(frozen=True)
-class BoundCoupling(OnCoordinates):
+class BoundCoupling(CoordinateRows):
     """Row of joint coordinates, bound."""
 
     name: str
@@ -262,7 +262,7 @@ class BoundCoupling(OnCoordinates):
     bends: tuple[tuple[float, ...], ...] = ()
     anchored: bool = True
     sign: float = 1.0
-    drive: Drive | None = None
+    drive: RowPath | None = None
     drift: Baumgarte | None = None
 
     @property
@@ -336,7 +336,7 @@ class BoundCoupling(OnCoordinates):
 
 
 @dataclass(frozen=True)
-class BoundOwn(OnCoordinates):
+class BoundOwn(CoordinateRows):
     """Rows of functions, bound to a model whose q they read.
 
     Attributes
@@ -359,7 +359,7 @@ class BoundOwn(OnCoordinates):
     are_angles: bool
     anchored: bool
     sign: float = 1.0
-    drive: Drive | None = None
+    drive: RowPath | None = None
     drift: Baumgarte | None = None
 
     @property
@@ -436,7 +436,7 @@ class BoundOwn(OnCoordinates):
 class Couplings:
     """All couplings of one scene, and rows of functions."""
 
-    def __init__(self, on_coordinates: Sequence[OnCoordinates], nv: int) -> None:
+    def __init__(self, on_coordinates: Sequence[CoordinateRows], nv: int) -> None:
         bounds = [b for b in on_coordinates if isinstance(b, BoundCoupling)]
         own = [b for b in on_coordinates if isinstance(b, BoundOwn)]
         self._own = [(b, np.zeros((b.size, nv))) for b in own]
@@ -520,7 +520,7 @@ class BoundRolling(TwoFrameConstraint):
     anchored: bool
     joint2: int = 0
     sign: float = 1.0
-    drive: Drive | None = None
+    drive: RowPath | None = None
     drift: Baumgarte | None = None
 
     def arm(self, oMi: Any) -> float:

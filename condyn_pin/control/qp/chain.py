@@ -25,7 +25,7 @@ from condyn_pin.control.qp.qp_solver import (
     ORDINARY,
     BoundQP,
     Elastic,
-    Polished,
+    PolishedAnswer,
     QPResult,
     QPSolver,
     QuadraticProgram,
@@ -49,7 +49,7 @@ _FROM_ELASTIC = 50
 class ChainAnswer:
     """Answer of a program, or the least relaxation of its rows."""
 
-    answer: Polished | None  # the best that was found, if any
+    answer: PolishedAnswer | None  # the best that was found, if any
     elastic: Elastic | None  # what rows have to give, where nothing answers the program
     path: tuple[str, ...]  # the solvers that were tried, in order
     iterations: int  # of the solvers
@@ -67,7 +67,7 @@ class SolverLadder:
     def __init__(self, qp: QPSolver) -> None:
         self._solver, self._most = qp, ORDINARY * qp.budget
         self._bound: dict[QPSolver, BoundQP] = {qp: qp.start()}  # a missing package is said now
-        self._last: Polished | None = None
+        self._last: PolishedAnswer | None = None
         self._saddle = Saddle()
         self._quietly = ignore_float_errors(
             self._solve
@@ -101,12 +101,14 @@ class SolverLadder:
         path.append("elastic program")
         return self._contradiction(program, costs, best, path, iterations)
 
-    def _counts(self, found: Polished, path: list[str], iterations: int) -> ChainAnswer:
+    def _counts(self, found: PolishedAnswer, path: list[str], iterations: int) -> ChainAnswer:
         """Return the answer that was found, and keep its active set for the next program."""
         self._last = found
         return ChainAnswer(found, None, tuple(path), iterations)
 
-    def _answers(self, program: QuadraticProgram) -> Iterator[tuple[str, int, Polished | None]]:
+    def _answers(
+        self, program: QuadraticProgram
+    ) -> Iterator[tuple[str, int, PolishedAnswer | None]]:
         """Yield the solver, its iterations, and the polished answer of each attempt."""
         if not len(program.g):
             nothing = start_from_active_set(program, np.zeros(0), np.zeros(len(program.lower)))
@@ -148,7 +150,7 @@ class SolverLadder:
         self,
         program: QuadraticProgram,
         costs: Callable[[], tuple[Array, Array]],
-        best: Polished | None,
+        best: PolishedAnswer | None,
         path: list[str],
         iterations: int,
     ) -> ChainAnswer:

@@ -320,7 +320,7 @@ def _lapack() -> tuple[Any, Any]:
 Flags = NDArray[np.bool_]
 
 
-class Polished(NamedTuple):
+class PolishedAnswer(NamedTuple):
     """The answer of a program on an active set, and its KKT residual."""
 
     x: Array
@@ -334,28 +334,30 @@ class Polished(NamedTuple):
     settled: bool = False  # whether no row would become active or be released
 
     @classmethod
-    def rough(cls, x: Array, y: Array, z: Array, at_lower: Flags, at_upper: Flags) -> Polished:
+    def rough(
+        cls, x: Array, y: Array, z: Array, at_lower: Flags, at_upper: Flags
+    ) -> PolishedAnswer:
         """Return an answer that has not been judged yet."""
         return cls(x, y, z, at_lower, at_upper, (at_lower | at_upper).nonzero()[0], np.inf)
 
 
 def start_from_active_set(
-    program: QuadraticProgram, x: Array, z: Array, active: Polished | None = None
-) -> Polished:
+    program: QuadraticProgram, x: Array, z: Array, active: PolishedAnswer | None = None
+) -> PolishedAnswer:
     """Return a rough answer with the rows that are active in it, or in another one."""
     y = np.zeros(len(program.b))
     if active:
         y = active.y if len(active.y) == len(y) else y
-        return Polished(x, y, z, active.at_lower, active.at_upper, active.active, np.inf)
+        return PolishedAnswer(x, y, z, active.at_lower, active.at_upper, active.active, np.inf)
     moved = program.C @ x + z
     # where rows depend on each other a solver holds only some of them, and its choice has the signs
     at_lower, at_upper = (z < 0) & (moved < program.lower), (z > 0) & (moved > program.upper)
-    return Polished.rough(x, y, z, at_lower & ~program.pinned, at_upper | program.pinned)
+    return PolishedAnswer.rough(x, y, z, at_lower & ~program.pinned, at_upper | program.pinned)
 
 
 def polish(
-    program: QuadraticProgram, rough: Polished, tolerance: float, rounds: int, saddle: Saddle
-) -> Polished:
+    program: QuadraticProgram, rough: PolishedAnswer, tolerance: float, rounds: int, saddle: Saddle
+) -> PolishedAnswer:
     """Return the answer that the active-set method ends at, or the best of some rounds."""
     # Violations of rows below `tolerance` are rounding [m/s^2].
     best = now = rough
@@ -376,23 +378,25 @@ def polish(
     return best
 
 
-def _rank(at: Polished) -> tuple[bool, float]:
+def _rank(at: PolishedAnswer) -> tuple[bool, float]:
     """Return the sort key of an answer, less for a better one: settled and accurate is first."""
     return not (at.settled and at.residual <= tolerances.KKT), at.residual
 
 
-def _signs_hold(at: Polished) -> bool:
+def _signs_hold(at: PolishedAnswer) -> bool:
     """True if the multipliers of active rows have the signs of their sides."""
     active = at.active
     return not len(active) or np.array_equal(at.z[active] > 0, at.at_upper[active])
 
 
-def _same_rows(one: Polished, two: Polished) -> bool:
+def _same_rows(one: PolishedAnswer, two: PolishedAnswer) -> bool:
     lower, upper = one.at_lower, one.at_upper
     return np.array_equal(lower, two.at_lower) and np.array_equal(upper, two.at_upper)
 
 
-def _on_other_rows(program: QuadraticProgram, now: Polished, tolerance: float) -> Polished:
+def _on_other_rows(
+    program: QuadraticProgram, now: PolishedAnswer, tolerance: float
+) -> PolishedAnswer:
     """Return an answer with the rows that it violates active, and without those of wrong sign."""
     Cx = program.C @ now.x
     inactive = ~(now.at_lower | now.at_upper)
@@ -401,10 +405,12 @@ def _on_other_rows(program: QuadraticProgram, now: Polished, tolerance: float) -
     at_upper = (now.at_upper & (now.z > 0)) | (inactive & above)
     at_lower &= ~program.pinned
     at_upper |= program.pinned
-    return Polished.rough(now.x, now.y, now.z, at_lower, at_upper)
+    return PolishedAnswer.rough(now.x, now.y, now.z, at_lower, at_upper)
 
 
-def _on_active_rows(program: QuadraticProgram, at: Polished, saddle: Saddle) -> Polished:
+def _on_active_rows(
+    program: QuadraticProgram, at: PolishedAnswer, saddle: Saddle
+) -> PolishedAnswer:
     """Return the answer with the active rows as equations."""
     n, p, active = len(program.g), len(program.b), at.active
     G, d = _active_equations(program, active, at.at_upper)
@@ -414,7 +420,7 @@ def _on_active_rows(program: QuadraticProgram, at: Polished, saddle: Saddle) -> 
     x, y, z = xy[:n], xy[n : n + p], np.zeros(len(program.lower))
     z[active] = xy[n + p :]
     residual = program.kkt_residual(x, y, z)
-    return Polished(x, y, z, at.at_lower, at.at_upper, active, residual)
+    return PolishedAnswer(x, y, z, at.at_lower, at.at_upper, active, residual)
 
 
 def _active_equations(

@@ -15,7 +15,7 @@ from condyn_pin.control.tasks.task import (
     CompiledTask,
     DefaultReference,
     Follow,
-    Motion,
+    RobotMotion,
     Task,
 )
 from condyn_pin.dynamics.scene import Scene
@@ -61,7 +61,7 @@ class AngularMomentum(Task):
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return the task bound to a scene."""
 
-        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+        def rows(motion: RobotMotion, t: float) -> tuple[Array, Array]:
             now = motion.angular_momentum()
             L, rate = self._at(t)
             return now.J, rate + self.k * (L - now.x) - now.drift

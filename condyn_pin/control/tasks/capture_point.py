@@ -34,7 +34,7 @@ from condyn_pin.control.tasks.task import (
     BoundTask,
     CompiledTask,
     DefaultReference,
-    Motion,
+    RobotMotion,
     Task,
 )
 from condyn_pin.dynamics.scene import Scene
@@ -106,7 +106,7 @@ class CapturePoint(Task):
         k, square = self.k, float(np.linalg.norm(model.gravity.linear)) / height
         omega, edges = np.sqrt(square), _edges(corners, middle) / (1 + self.beyond)
 
-        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+        def rows(motion: RobotMotion, t: float) -> tuple[Array, Array]:
             now = motion.center_of_mass()
             c, v = floor.axes @ (now.x - floor.origin), floor.axes @ now.v
             ahead = (1 + k) * (c + v / omega - place)[:2]

@@ -14,7 +14,7 @@ from condyn_pin.control.tasks.task import (
     CENTER_OF_MASS,
     BoundTask,
     DefaultReference,
-    Motion,
+    RobotMotion,
     Tracking,
     difference,
 )
@@ -47,7 +47,7 @@ class CenterOfMass(Tracking):
 
         wanted = self._feedback(3, start, difference)
 
-        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+        def rows(motion: RobotMotion, t: float) -> tuple[Array, Array]:
             now = motion.center_of_mass()
             return now.J, wanted(now.x, now.v, t) - now.drift
 

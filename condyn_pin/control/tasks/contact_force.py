@@ -16,7 +16,7 @@ from condyn_pin.control.tasks.task import (
     BoundTask,
     CompiledTask,
     DefaultReference,
-    Motion,
+    RobotMotion,
     Task,
 )
 from condyn_pin.dynamics.scene import Scene
@@ -72,7 +72,7 @@ class ContactForce(Task):
             f = self.reference(t) if callable(self.reference) else self.reference
             return finite(f"{self.name}: reference({t:g})", f, 3)
 
-        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+        def rows(motion: RobotMotion, t: float) -> tuple[Array, Array]:
             R = bound.ends(motion.data.oMi)[0].rotation
             F = np.zeros((3, scene.rows))
             F[:, bound.rows] = R @ W.T

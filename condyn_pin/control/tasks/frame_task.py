@@ -18,7 +18,7 @@ from condyn_pin.control.tasks.task import (
     POSITION,
     BoundTask,
     DefaultReference,
-    Motion,
+    RobotMotion,
     Tracking,
     difference,
     moving,
@@ -83,7 +83,7 @@ class FrameTask(Tracking):
 
         wanted = self._feedback(size, start, left)
 
-        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+        def rows(motion: RobotMotion, t: float) -> tuple[Array, Array]:
             now = motion.frame(joint, place)
             return now.J[:size], wanted(now.x, now.v[:size], t) - now.drift[:size]
 

@@ -15,7 +15,7 @@ from condyn_pin.control.tasks.task import (
     JOINT,
     BoundTask,
     DefaultReference,
-    Motion,
+    RobotMotion,
     Tracking,
     difference,
 )
@@ -77,7 +77,7 @@ class JointTask(Tracking):
 
         wanted = self._feedback(1, start, difference)
 
-        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+        def rows(motion: RobotMotion, t: float) -> tuple[Array, Array]:
             return J, wanted(motion.q[i : i + 1], motion.v[k : k + 1], t)
 
         compiled = self._compiled(JOINT, (1, 1), start, np.atleast_1d, at=i, columns=(k,))

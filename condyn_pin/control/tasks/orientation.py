@@ -17,7 +17,7 @@ from condyn_pin.control.tasks.task import (
     ORIENTATION,
     BoundTask,
     DefaultReference,
-    Motion,
+    RobotMotion,
     Tracking,
     moving,
     placement_at,
@@ -75,7 +75,7 @@ class Orientation(Tracking):
 
         wanted = self._feedback(3, start, _turn_left)
 
-        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+        def rows(motion: RobotMotion, t: float) -> tuple[Array, Array]:
             now = motion.frame(joint, place)
             return now.J[3:], wanted(now.x, now.v[3:], t) - now.drift[3:]
 

@@ -16,7 +16,7 @@ from condyn_pin.control.tasks.task import (
     POSTURE,
     BoundTask,
     DefaultReference,
-    Motion,
+    RobotMotion,
     Tracking,
     entry_names,
 )
@@ -91,7 +91,7 @@ class Posture(Tracking):
 
         wanted = self._feedback(robot.nv, start, left)
 
-        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+        def rows(motion: RobotMotion, t: float) -> tuple[Array, Array]:
             return J, wanted(motion.q, motion.v, t)[some]
 
         names = self._row_names(entry_names(robot.model, columns))

@@ -53,7 +53,7 @@ from condyn_pin.errors import InvalidArgument
 # Motion: what tasks read of a robot at one state, computed once for all of them.
 
 
-class Point(NamedTuple):
+class TaskQuantity(NamedTuple):
     """A quantity x, its velocity v, and J and Jdot v of it: J a + drift."""
 
     x: Any
@@ -62,7 +62,7 @@ class Point(NamedTuple):
     drift: Array
 
 
-class Motion:
+class RobotMotion:
     """The robot of a scene at one state, in the memory of its equations."""
 
     # q (nq,), v (nv,): configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame,
@@ -87,29 +87,29 @@ class Motion:
         if not self._equations.m:  # data.a is still that of the last answer
             pin.forwardKinematics(self.model, self.data, q, v, np.zeros_like(v))
 
-    def frame(self, joint: int, placement: Any) -> Point:
+    def frame(self, joint: int, placement: Any) -> TaskQuantity:
         """Return a frame: its placement in the world, and 6 rows in the axes of the world."""
         model, data = self.model, self.data
         velocity = pin.getFrameVelocity(model, data, joint, placement, ALIGNED)
         drift = pin.getFrameClassicalAcceleration(model, data, joint, placement, ALIGNED)
         J = frame_jacobian(model, data, joint, placement, ALIGNED)
-        return Point(self._oMi[joint] * placement, velocity.vector, J, drift.vector)
+        return TaskQuantity(self._oMi[joint] * placement, velocity.vector, J, drift.vector)
 
-    def center_of_mass(self) -> Point:
+    def center_of_mass(self) -> TaskQuantity:
         """Return the centre of mass: 3 rows in the axes of the world."""
         data = self.data
         pin.centerOfMass(self.model, data, pin.KinematicLevel.ACCELERATION, False)
         # a single column comes as a vector
         J = pin.jacobianCenterOfMass(self.model, data, False).reshape(3, -1)
-        return Point(*self._com, J, self._acom)
+        return TaskQuantity(*self._com, J, self._acom)
 
-    def angular_momentum(self) -> Point:
+    def angular_momentum(self) -> TaskQuantity:
         """Return the angular momentum about the centre of mass; it is its own "velocity"."""
         model, data = self.model, self.data
         drift = np.array(pin.computeCentroidalMomentumTimeVariation(model, data).angular)
         momentum = np.array(data.hg.angular)
         J = np.array(pin.ccrba(model, data, self.q, self.v).reshape(6, -1)[3:])
-        return Point(momentum, momentum, J, drift)
+        return TaskQuantity(momentum, momentum, J, drift)
 
 
 def moving(scene: Scene, frame: str) -> tuple[int, Any]:
@@ -230,7 +230,7 @@ class BoundTask:
     names: tuple[str, ...]  # of the rows
     unit: str  # of b and of the errors of its rows
     # of (motion, t); returns J (r, nv) or (r, m) and b (r,)
-    rows: Callable[[Motion, float], tuple[Array, Array]]
+    rows: Callable[[RobotMotion, float], tuple[Array, Array]]
     compiled: CompiledTask | None = None  # the same for the compiled core
     # (r, nv) J, where it is the same in every tick: its part of the program is computed once
     fixed: Array | None = None
@@ -355,7 +355,7 @@ class Tracking(Task):
             raise InvalidArgument(f"axes: one at least of {listed(known)} is needed")
         some = [known.index(name) for name in names]
 
-        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+        def rows(motion: RobotMotion, t: float) -> tuple[Array, Array]:
             J, b = bound.rows(motion, t)
             return J[some], b[some]
 

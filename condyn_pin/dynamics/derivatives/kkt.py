@@ -1,6 +1,6 @@
 """Derivatives by the implicit function theorem, on the matrix of the solve itself.
 
-Both residuals of `Linearised` stay zero along an answer:
+Both residuals of `EquationPartials` stay zero along an answer:
 
     M da - J^T dlam = dtau - r_q dq - r_v dv,        J da = -s_q dq - s_v dv
 
@@ -38,8 +38,8 @@ from condyn_pin.constraints.rows.equations import Equations, answer_key
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.derivatives.solution_derivatives import (
-    Carried,
     Derivatives,
+    FreeBodyModel,
     gravity_regressor,
     in_series,
     inertia_regressor,
@@ -225,7 +225,7 @@ class KktDerivatives(Derivatives):
 _rnea_derivatives = pin.computeRNEADerivatives  # bound once
 
 
-class Linearised(NamedTuple):
+class EquationPartials(NamedTuple):
     """The partial derivatives at one (q, v, a, lam)."""
 
     J: Array  # (m, nv)
@@ -260,10 +260,10 @@ class Linearisation:
     ) -> None:  # fmt: skip
         given, self._bounds = model, bounds
         model, bounds = in_series(model, bounds)
-        self._carried: Carried | None = None
+        self._carried: FreeBodyModel | None = None
         self._done = b""  # the answer of which `data` holds Newton-Euler's derivatives
         if model is not given and joints_with_turning_axes(model):
-            self._carried = Carried(model)
+            self._carried = FreeBodyModel(model)
             model = self._carried.model
         # in which no axes turn
         self._model, self._data = model, whole_data(model)
@@ -277,7 +277,7 @@ class Linearisation:
             equations = Equations(model, bounds)
         self._equations, self._given = equations, given
 
-    def at(self, q: Array, v: Array, a: Array, lam: Array) -> Linearised:
+    def at(self, q: Array, v: Array, a: Array, lam: Array) -> EquationPartials:
         """Return the partial derivatives at a state and an answer."""
         if self._carried is None:
             rhs, J = self._of_bodies(q, v, a, lam)
@@ -289,7 +289,7 @@ class Linearisation:
             by_a = np.vstack([pin.crba(self._model, self._data, free_q), J])
             rhs, J, M = self._carried.back(chain, of_free, -by_a, -r), J @ chain.Phi, None
         self._of_constraints.write_couplings((q, v, a, lam), rhs, J)
-        return Linearised(J, rhs, M)
+        return EquationPartials(J, rhs, M)
 
     def _hold_views(self, data: Any, n: int) -> None:
         """Hold what Newton-Euler's derivatives write: to fetch it costs as much as to copy it."""

@@ -165,7 +165,7 @@ _WEIGHTS: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 _H: Final = 2.0**-7  # [rad, m]: below the rounding of f over h
 
 
-class Chain(NamedTuple):
+class FreeBodyChainRule(NamedTuple):
     """Derivatives of the carried state by that of the model, at one state."""
 
     Phi: Array  # (n~, n)
@@ -175,7 +175,7 @@ class Chain(NamedTuple):
     S_q: tuple[Array, ...]  # (k, 6, k) of each joint: by each of its coordinates
 
 
-class _Places(NamedTuple):
+class _JointIndices(NamedTuple):
     """Indices of a joint's coordinates, in the model and in that with free bodies."""
 
     q: Indices
@@ -189,10 +189,10 @@ class _Joint(NamedTuple):
 
     model: Any
     data: Any
-    places: _Places
+    places: _JointIndices
 
 
-class Carried:
+class FreeBodyModel:
     """A model with free bodies in the place of the joints whose axes turn.
 
     `model` has the same joints by number, without their armature, which needs no derivatives.
@@ -203,7 +203,7 @@ class Carried:
         self._n = model.nv
         self._joints: list[_Joint] = []
         nothing = np.zeros(0, dtype=int)
-        stay = [_Places(nothing, nothing, nothing, nothing)]
+        stay = [_JointIndices(nothing, nothing, nothing, nothing)]
         for i in range(1, model.njoints):
             joint = model.joints[i]
             kind = pin.JointModelFreeFlyer() if i in chosen else joint
@@ -214,12 +214,12 @@ class Carried:
                 self._joints.append(_single_joint(joint, places))
             else:
                 stay.append(places)
-        self._stay = _Places(*map(np.concatenate, zip(*stay, strict=True)))
+        self._stay = _JointIndices(*map(np.concatenate, zip(*stay, strict=True)))
         free.armature[self._stay.v_free] = model.armature[self._stay.v]
         free.gravity = model.gravity
         self.model = free
 
-    def state(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, Chain]:
+    def state(self, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array, FreeBodyChainRule]:
         """Return q, v and a of the model with free bodies, and how they change."""
         free, stay = self.model, self._stay
         Phi, v_q, a_q, a_v = np.zeros((4, free.nv, self._n))
@@ -236,9 +236,9 @@ class Carried:
             v_q[block], a_q[block] = its_v_q.T, its_a_q.T
             a_v[block] = its_v_q.T + np.tensordot(v[at.v], S_q, 1)
             all_S_q.append(S_q)
-        return q_free, nu, rate, Chain(Phi, v_q, a_q, a_v, tuple(all_S_q))
+        return q_free, nu, rate, FreeBodyChainRule(Phi, v_q, a_q, a_v, tuple(all_S_q))
 
-    def back(self, chain: Chain, by_state: Array, by_a: Array, r: Array) -> Array:
+    def back(self, chain: FreeBodyChainRule, by_state: Array, by_a: Array, r: Array) -> Array:
         """Return [[r_q, r_v], [s_q, s_v]] of the model, from those of that with free bodies."""
         # `by_a` (n~ + m, n~) is M~ above J~, and r (n~,) are torques and forces that move the
         # bodies so.
@@ -252,9 +252,9 @@ class Carried:
         return np.vstack([top, moved[len(r) :]])
 
 
-def _places(joint: Any, free: Any) -> _Places:
+def _places(joint: Any, free: Any) -> _JointIndices:
     """Return the indices of a joint's coordinates in both models."""
-    return _Places(
+    return _JointIndices(
         np.arange(joint.idx_q, joint.idx_q + joint.nq),
         np.arange(joint.idx_v, joint.idx_v + joint.nv),
         np.arange(free.idx_q, free.idx_q + free.nq),
@@ -262,7 +262,7 @@ def _places(joint: Any, free: Any) -> _Places:
     )
 
 
-def _single_joint(joint: Any, places: _Places) -> _Joint:
+def _single_joint(joint: Any, places: _JointIndices) -> _Joint:
     """Return a joint by itself."""
     model = pin.Model()
     model.addJoint(0, joint, pin.SE3.Identity(), "joint")

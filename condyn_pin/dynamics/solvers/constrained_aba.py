@@ -12,7 +12,7 @@ from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.compiled import CompiledMethod
 from condyn_pin.dynamics.mu import WeightChoice
-from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected
+from condyn_pin.dynamics.recursion import ArticulatedSolver, CorrectedRecursion
 from condyn_pin.dynamics.solvers.solver import BoundSolver
 from condyn_pin.dynamics.workspace import Workspace
 
@@ -93,7 +93,7 @@ class ConstrainedABA(ArticulatedSolver):
                 )
                 return bound, bound.iterations
             still = recursion(without_gravity(workspace.model), None, chosen)
-            corrected = Corrected(
+            corrected = CorrectedRecursion(
                 workspace,
                 (made.acceleration, made.lam),
                 (still.acceleration, still.lam),

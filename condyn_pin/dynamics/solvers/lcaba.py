@@ -10,7 +10,7 @@ from condyn_pin._core import _pin
 from condyn_pin._core.models import whole_data
 from condyn_pin.dynamics.at_state import raw_constraints, without_gravity
 from condyn_pin.dynamics.mu import WeightChoice
-from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected, Recursion
+from condyn_pin.dynamics.recursion import ArticulatedSolver, CorrectedRecursion, LcabaRecursion
 from condyn_pin.dynamics.solvers.solver import BoundSolver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import UnsupportedConstraint
@@ -79,7 +79,9 @@ class LCABA(ArticulatedSolver):
             )
         pinocchio_constraints = workspace.pinocchio_constraints.constraints
         models, datas = workspace.constraint_models, workspace.constraint_datas
-        recursion = Recursion(workspace.model, workspace.data, pinocchio_constraints, models, datas)
+        recursion = LcabaRecursion(
+            workspace.model, workspace.data, pinocchio_constraints, models, datas
+        )
         wanted = self.wanted(workspace)
 
         def start(chosen: WeightChoice) -> tuple[BoundSolver, Callable[[], int]]:
@@ -92,7 +94,7 @@ class LCABA(ArticulatedSolver):
 
 
 def _method(
-    workspace: Workspace, recursion: Recursion, settings: Any, refinements: int
+    workspace: Workspace, recursion: LcabaRecursion, settings: Any, refinements: int
 ) -> BoundSolver:
     run = recursion.bind(settings)
     if not refinements:
@@ -101,10 +103,10 @@ def _method(
         )
     model = without_gravity(workspace.model)
     constraints = workspace.pinocchio_constraints.constraints
-    still = Recursion(
+    still = LcabaRecursion(
         model, whole_data(model), constraints, *raw_constraints(model, constraints, None)
     )
-    corrected = Corrected(
+    corrected = CorrectedRecursion(
         workspace, (run, recursion.lam), (still.bind(settings), still.lam), refinements
     )
     return BoundSolver(

@@ -283,7 +283,7 @@ def _refinements(nominal: NominalAnalysis) -> int:
     return int(nominal.delassus_condition > most or nominal.factors.mass.condition_exceeds(most))
 
 
-class _Open(NamedTuple):
+class _OpenState(NamedTuple):
     """An open state, in rows of Pinocchio's."""
 
     J: Array  # (m, nv)
@@ -307,7 +307,7 @@ class OpenRows:
     """
 
     held: list[Array] | None
-    _last: _Open
+    _last: _OpenState
 
     def __init__(self, workspace: Workspace, mu: float) -> None:
         natives, nominal = workspace.pinocchio_constraints, workspace.scene.nominal
@@ -389,7 +389,7 @@ class OpenRows:
         R, x, info = lapack().dposv(V.T.dot(G).dot(V), V.T.dot(missing), 0, 1, 1)
         if info:
             raise Singular
-        self._last, self.is_open = _Open(J, V, damped, G, R), True
+        self._last, self.is_open = _OpenState(J, V, damped, G, R), True
         self._lam = V.dot(x.ravel())
         return a + self._pulled(damped.dot(self._lam - lam))
 

@@ -10,7 +10,14 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.problem import OPEN, SLIDE, ContactProblem, InModes, Modes, contact_modes
+from condyn_pin.contact.problem import (
+    OPEN,
+    SLIDE,
+    ContactProblem,
+    ContactsInModes,
+    Modes,
+    contact_modes,
+)
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.solution import attempt_contact
 from condyn_pin.contact.solvers.newton import SemismoothNewton, refine
@@ -62,15 +69,15 @@ class ActiveSet(LawRoute):
         return ContactLaw(lam, of.by_sigma, of.by_lam, of.by_friction, distance, modes=modes)
 
 
-class Polished(NamedTuple):
+class PolishedImpulses(NamedTuple):
     """Impulses to rounding, the mode of each contact, and the equations that go with it."""
 
     lam: Array
     modes: Modes
-    equations: InModes
+    equations: ContactsInModes
 
 
-def polished(problem: ContactProblem, lam: Array, natural: float) -> Polished:
+def polished(problem: ContactProblem, lam: Array, natural: float) -> PolishedImpulses:
     """Return impulses to rounding, of some with a `natural` residual.
 
     SolveFailed if Newton's method does not find them.
@@ -94,19 +101,19 @@ def polished(problem: ContactProblem, lam: Array, natural: float) -> Polished:
     )
 
 
-def _read_modes(problem: ContactProblem, lam: Array) -> Polished:
+def _read_modes(problem: ContactProblem, lam: Array) -> PolishedImpulses:
     """Return polished impulses with the modes that they have."""
     modes = contact_modes(problem, lam, 100 * tolerances.CONTACT_POLISHED)
-    return Polished(lam, modes, InModes(problem, modes))
+    return PolishedImpulses(lam, modes, ContactsInModes(problem, modes))
 
 
-def _within_modes(problem: ContactProblem, lam: Array) -> Polished:
+def _within_modes(problem: ContactProblem, lam: Array) -> PolishedImpulses:
     """Return the end of one step of Newton's method in the modes that impulses seem to have."""
     modes = contact_modes(problem, lam)
-    equations = InModes(problem, modes)
+    equations = ContactsInModes(problem, modes)
     of = equations.at(lam)
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
-    return Polished(
+    return PolishedImpulses(
         lam - minimum_norm_solution(of.by_sigma.dot(G) + of.by_lam, of.left), modes, equations
     )
 

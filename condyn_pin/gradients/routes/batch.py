@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.rows import Batch, Native, Verb, run
+from condyn_pin._core.rows import Batch, Native, RowWork, run
 from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
 from condyn_pin.contact.problem import MODES, mode_words
 from condyn_pin.contact.solution import ContactStatus
@@ -136,7 +136,7 @@ def output_kinds(scene: Scene, wrt: Sequence[str]) -> dict[str, Kind]:
 
 
 @dataclass(frozen=True)
-class DifferentiatedRows(Verb):
+class DifferentiatedRows(RowWork):
     """One step from each state, and its derivatives.
 
     The compiled core has those of `ActiveSet`. Steps that end elsewhere than along straight paths,

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.models import algorithms, difference
-from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactProblem, InModes, Modes
+from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactProblem, ContactsInModes, Modes
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.gradients.routes.active_set import ActiveSet
-from condyn_pin.gradients.routes.linear_steps import Ended, LinearizedStep
+from condyn_pin.gradients.routes.linear_steps import LinearizedEnd, LinearizedStep
 from condyn_pin.gradients.routes.route import Route
 from condyn_pin.gradients.routes.step_derivatives import (
     ContactLaw,
@@ -46,7 +46,7 @@ class LocatedStep:
     def __init__(self, steps: LinearizedStep) -> None:
         self._steps, self._dt, self._system = steps, steps.dt, steps.system
         self._law = partial(ActiveSet().law, size=steps.size)
-        self._landings = Landings(steps)
+        self._landings = Flows(steps)
 
     def taken(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of the step."""
@@ -103,7 +103,7 @@ class LocatedStep:
         )
 
     def _joined(
-        self, modes: dict[str, str], margin: float, ended: Ended
+        self, modes: dict[str, str], margin: float, ended: LinearizedEnd
     ) -> tuple[dict[str, str], float]:
         """Return modes and margin with those of one more part.
 
@@ -126,7 +126,7 @@ class LocatedStep:
         return abs(gap) / self._dt / max(-opening, self._steps.falls)
 
     def _settled(
-        self, flow: Ended, t: float, q: Array, v: Array, by: tuple[Array, Array, Array]
+        self, flow: LinearizedEnd, t: float, q: Array, v: Array, by: tuple[Array, Array, Array]
     ) -> Array:
         """Derivative of v by all columns, with contacts at rest again after a disturbance.
 
@@ -161,11 +161,11 @@ class LocatedStep:
         """Return the linear steps of a part."""
         return self._steps.lasting(dt, HeldSteps(self._steps, dt, held, rebounds))
 
-    def _flow(self, cut: Cut, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+    def _flow(self, cut: Flow, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of a flow, to rounding."""
         return self._made(cut.length, cut.held).ended(t + cut.start, q, v, self._law)
 
-    def _rates(self, cut: Cut, t: float, q: Array, v: Array, middle: Array) -> tuple[Array, Array]:
+    def _rates(self, cut: Flow, t: float, q: Array, v: Array, middle: Array) -> tuple[Array, Array]:
         """Derivatives of q and v at the end of a flow by its length (nv,); `middle` is that q."""
         by, model = _SHARE * self._dt, self._system.model
         (q1, v1), (q0, v0) = (
@@ -174,7 +174,7 @@ class LocatedStep:
         moved = difference(model, middle, q1) - difference(model, middle, q0)
         return moved / (2 * by), (v1 - v0) / (2 * by)
 
-    def _struck_late(self, ended: Ended, t: float) -> Array:
+    def _struck_late(self, ended: LinearizedEnd, t: float) -> Array:
         """Derivative of v behind an instant by its time (nv,), from s'' of driven rows."""
         (condensed, law), equations = (ended.posed.condensed, ended.law), self._system.equations
         if not equations.is_driven:
@@ -199,7 +199,7 @@ class LocatedStep:
 
 
 def _composed(
-    ended: Ended, dq: Array, dv: Array, late: tuple[Array, Array], ds: Array
+    ended: LinearizedEnd, dq: Array, dv: Array, late: tuple[Array, Array], ds: Array
 ) -> tuple[Array, Array]:
     """Return the end of a part by the start of the step, and by what acts in both.
 
@@ -227,7 +227,7 @@ def _stopping(
     slips = np.hypot(sigma[t1], sigma[t2]) > RESTS
     cones = modes[: len(slips)]
     cones[slips & (cones == STICK)] = SLIDE
-    of = InModes(problem, modes).at(still)
+    of = ContactsInModes(problem, modes).at(still)
     if not along:
         sticks = (modes == STICK)[sets.blocks]
         sticks[n] = sticks[sets.parts[1]] = False
@@ -282,7 +282,7 @@ class HeldSteps(ContactSteps):
         return chosen
 
 
-class Cut(NamedTuple):
+class Flow(NamedTuple):
     """A flow, a part of a step."""
 
     start: float  # [s], since the start of the step
@@ -291,14 +291,14 @@ class Cut(NamedTuple):
     closing: int  # the gap that ends it, -1 if the end of the step does
 
 
-class Landings:
+class Flows:
     """The flows of one step, each up to the first gap that closes."""
 
     def __init__(self, steps: LinearizedStep) -> None:
         self._steps, self._dt, self._system = steps, steps.dt, steps.system
         self._cuts = 0
 
-    def flow(self, cut: Cut, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+    def flow(self, cut: Flow, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of a flow."""
         steps = HeldSteps(self._steps, cut.length, cut.held, rebounds=False)
         q, v, _ = steps.step(t + cut.start, q, v)
@@ -331,12 +331,12 @@ class Landings:
         J = system.contacts.evaluate(data, q)[1]
         return np.asarray(J[system.contacts.normals[i]])
 
-    def next(self, t: float, done: float, q: Array, v: Array) -> Cut:
+    def next(self, t: float, done: float, q: Array, v: Array) -> Flow:
         """Return the flow from a state to the first gap that closes, or to the end of the step."""
         gaps, opening = self.approach(q, v)
         touches = gaps <= TOUCHES
         held = touches & (opening <= RESTS)
-        whole = Cut(done, self._dt - done, held, -1)
+        whole = Flow(done, self._dt - done, held, -1)
         if self._cuts >= _CUTS:
             return whole._replace(held=touches)
         # what goes out and does not get there stays active: it may not go in again
@@ -355,11 +355,11 @@ class Landings:
         self._cuts += closing >= 0
         return whole._replace(length=first, closing=closing)
 
-    def _gaps_after(self, cut: Cut, t: float, q: Array, v: Array) -> Array:
+    def _gaps_after(self, cut: Flow, t: float, q: Array, v: Array) -> Array:
         there = self.flow(cut, t, q, v)[0]
         return self.approach(there, v)[0]
 
-    def _located(self, whole: Cut, t: float, q: Array, v: Array, i: int) -> float:
+    def _located(self, whole: Flow, t: float, q: Array, v: Array, i: int) -> float:
         """Time at which a gap closes, by secants within an interval around the root.
 
         The end of the flow, if it never opens.
@@ -386,7 +386,7 @@ class Landings:
         return high
 
     def _opened(
-        self, whole: Cut, t: float, q: Array, v: Array, i: int
+        self, whole: Flow, t: float, q: Array, v: Array, i: int
     ) -> tuple[float, float] | None:
         """Return a time at which a gap is open, and how far; None if there is none."""
         s = whole.length

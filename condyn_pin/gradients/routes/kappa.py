@@ -15,7 +15,11 @@ from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.route import LawRoute
 from condyn_pin.gradients.routes.step_derivatives import ContactLaw
-from condyn_pin.simulation.integrators.contact_scheme import BiasPartials, ContactScheme, Near
+from condyn_pin.simulation.integrators.contact_scheme import (
+    ActiveContacts,
+    BiasPartials,
+    ContactScheme,
+)
 from condyn_pin.stepping.schemes.moreau import Moreau
 
 # How far above the floor contacts of `Moreau` are active, in kappa g dt^2. What rests on one
@@ -39,13 +43,13 @@ class _InteriorMoreau(Moreau):
         """Flags of contacts that push in the middle of the step."""
         return np.asarray(super().near(gaps - self.reach * dt * dt, v, dt))
 
-    def bias(self, near: Near) -> tuple[Array, Array | None]:
+    def bias(self, near: ActiveContacts) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; they are rigid."""
         g, _ = super().bias(near)
         g[near.normals] += np.maximum(near.gaps, 0.0) / near.dt
         return g, None
 
-    def bias_partials(self, near: Near) -> BiasPartials:
+    def bias_partials(self, near: ActiveContacts) -> BiasPartials:
         """Partial derivatives of `bias` by `near`."""
         opens = (near.gaps > 0) / near.dt
         return super().bias_partials(near)._replace(gaps=opens)

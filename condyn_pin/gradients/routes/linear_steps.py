@@ -70,7 +70,7 @@ def rows_with_a_place(bounds: Sequence[BoundConstraint]) -> list[int]:
 _Law = Callable[[ContactProblem, Array, float], ContactLaw]
 
 
-class Ended(NamedTuple):
+class LinearizedEnd(NamedTuple):
     """The end of a step, and its derivatives by all `Columns`."""
 
     q: Array
@@ -142,7 +142,7 @@ class LinearizedStep:
     def end(
         self, t: float, q: Array, v: Array, law: _Law, taken: AcceptedStep | None = None,
         path: _Law | None = None,
-    ) -> Ended:  # fmt: skip
+    ) -> LinearizedEnd:  # fmt: skip
         """Return the end of a step from a state, with its derivatives by a `law` of contacts.
 
         `taken` is the step, if it is at hand, and `path` the law of its attempts before the last,
@@ -179,7 +179,7 @@ class LinearizedStep:
         if chain is not None:
             for by in (dq, dv):
                 by[:, : len(chain)] = by[:, : len(chain)].dot(chain)
-        return Ended(q1, v1, dq, dv, posed, found, tuple(notes.values()))
+        return LinearizedEnd(q1, v1, dq, dv, posed, found, tuple(notes.values()))
 
     def _with_impact_apart(self, t: float, q: Array, v: Array) -> AcceptedStep:
         """Return the step with its impact by itself, also where Newton's law is the same."""

@@ -24,26 +24,32 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.models import algorithms, whole_data
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.at_state import without_gravity
-from condyn_pin.dynamics.derivatives.kkt import Linearised
+from condyn_pin.dynamics.derivatives.kkt import EquationPartials
 from condyn_pin.dynamics.derivatives.solution_derivatives import slope
 from condyn_pin.gradients.routes.step_derivatives import ContactLaw
 from condyn_pin.simulation.integrators.contact_scheme import BiasPartials
 from condyn_pin.simulation.system import System
-from condyn_pin.stepping.contact_steps import Closing
+from condyn_pin.stepping.contact_steps import ClosingInterval
 from condyn_pin.stepping.step_problem import StepProblem
 
 if TYPE_CHECKING:
     from condyn_pin.gradients.routes.linear_steps import LinearizedStep
 
 
-def linearised(steps: LinearizedStep, posed: StepProblem, v1: Array, l_b: Array) -> Linearised:
+def linearised(
+    steps: LinearizedStep, posed: StepProblem, v1: Array, l_b: Array
+) -> EquationPartials:
     """Return the linearised equations of a step: of (v+ - v) / dt and of the mean forces."""
     a = (v1 - posed.v) / steps.dt - posed.turning
     return steps.linearisation.at(posed.at, posed.mean, a, l_b / steps.dt)
 
 
 def left_of_momentum(
-    steps: LinearizedStep, of: Linearised, posed: StepProblem, v1: Array, mean: Array | None = None
+    steps: LinearizedStep,
+    of: EquationPartials,
+    posed: StepProblem,
+    v1: Array,
+    mean: Array | None = None,
 ) -> Array:
     """Right-hand side df of the differentiated balance of momentum (nv, columns).
 
@@ -69,7 +75,7 @@ def left_of_momentum(
 
 
 def left_of_constraints(
-    steps: LinearizedStep, of: Linearised, posed: StepProblem, v1: Array
+    steps: LinearizedStep, of: EquationPartials, posed: StepProblem, v1: Array
 ) -> Array:
     """Return ds (rows, columns), what the constraints leave of a step whose h is that of v.
 
@@ -269,7 +275,7 @@ def end_state_partials(
 def _closed(
     steps: LinearizedStep,
     posed: StepProblem,
-    part: Closing,
+    part: ClosingInterval,
     dq: Array,
     at: Array,
     d_at: Array,

@@ -121,7 +121,9 @@ class Randomised(Route):
         named = dict(zip(names, (MODES[code] for code in modes), strict=True))
         return step_derivatives_of(self, steps, centre, (dq, dv), named, inf)
 
-    def _varied(self, steps: LinearizedStep, t: float, q: Array, v: Array) -> Iterator[_Varied]:
+    def _varied(
+        self, steps: LinearizedStep, t: float, q: Array, v: Array
+    ) -> Iterator[_VariedQuantity]:
         """Varied quantities of a step: q, v, tau, and the parameters in `wrt`."""
         n, columns, system, step = len(v), steps.columns, steps.system, steps.step
         held = np.array(system.applied.constant)
@@ -137,9 +139,9 @@ class Randomised(Route):
         def at(move: Array) -> tuple[Array, Array]:
             return step(t, pin.integrate(system.model, q, move), v)
 
-        yield _Varied(columns.q, self.sigma * _free_directions(steps, q), at)
-        yield _Varied(columns.v, self.sigma * np.eye(n), lambda move: step(t, q, v + move))
-        yield _Varied(columns.tau, np.diag(felt), pushed)
+        yield _VariedQuantity(columns.q, self.sigma * _free_directions(steps, q), at)
+        yield _VariedQuantity(columns.v, self.sigma * np.eye(n), lambda move: step(t, q, v + move))
+        yield _VariedQuantity(columns.tau, np.diag(felt), pushed)
         for name in steps.wrt:
             if name in PARAMETERS:
                 of = VariedSteps(steps, name)
@@ -147,10 +149,10 @@ class Randomised(Route):
                 def made_of(move: Array, of: VariedSteps = of) -> tuple[Array, Array]:
                     return of.at(move)(t, q, v)
 
-                yield _Varied(columns.of(name), self.sigma * np.diag(of.sizes), made_of)
+                yield _VariedQuantity(columns.of(name), self.sigma * np.diag(of.sizes), made_of)
 
 
-class _Varied(NamedTuple):
+class _VariedQuantity(NamedTuple):
     """Quantity on which the end of a step depends."""
 
     columns: slice | Indices

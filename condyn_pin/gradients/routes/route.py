@@ -197,7 +197,7 @@ def linear_steps(
 State = tuple[Array, Array]
 
 
-class Chain:
+class StepChain:
     """So many steps of a route.
 
     Parameters

@@ -23,7 +23,7 @@ from condyn_pin.simulation.records import Note
 from condyn_pin.stepping.step_problem import StepProblem
 
 if TYPE_CHECKING:
-    from condyn_pin.gradients.routes.linear_steps import Ended, LinearizedStep
+    from condyn_pin.gradients.routes.linear_steps import LinearizedEnd, LinearizedStep
     from condyn_pin.gradients.routes.route import Route
 
 
@@ -152,7 +152,7 @@ class StepDerivatives(StepJacobian):
         return f"StepDerivatives({self.route!r}: {counts}{sided})"
 
 
-def differentiated(route: Route, steps: LinearizedStep, ended: Ended) -> StepDerivatives:
+def differentiated(route: Route, steps: LinearizedStep, ended: LinearizedEnd) -> StepDerivatives:
     """Return the derivatives of a step that has ended."""
     if not isfinite(ended.dq.sum() + ended.dv.sum()):
         raise SolveFailed(f"{route!r}: the derivatives of this step are not finite", None)
@@ -183,7 +183,7 @@ def found_parameters(route: Route, scheme: ContactScheme, wrt: Sequence[str]) ->
     return tuple(name for name in route.parameters(scheme) if name not in left_out)
 
 
-def modes_of(steps: LinearizedStep, ended: Ended) -> dict[str, str]:
+def modes_of(steps: LinearizedStep, ended: LinearizedEnd) -> dict[str, str]:
     """Return the modes of all contacts in a step that has ended."""
     posed, names = ended.posed, steps.system.contacts.names
     modes = dict.fromkeys(names, MODES[OPEN])
@@ -212,7 +212,7 @@ def _is_at_a_kink(steps: LinearizedStep, posed: StepProblem) -> bool:
     return bool((off < tolerances.TOUCHES).any())
 
 
-def _margin(steps: LinearizedStep, ended: Ended) -> float:
+def _margin(steps: LinearizedStep, ended: LinearizedEnd) -> float:
     """Distance of a step from other modes, relative to its velocities and to g dt [1].
 
     By complementarity: a contact changes its mode where both of a pair are small, impulse and

@@ -2,7 +2,7 @@
 
     x_i+1 = step(x_i, tau + u_i, p),    dx_i+1 = A_i dx_i + B_i du_i + P_i dp
 
-Forward, columns go along with the steps; backward, a gradient goes against them (`Chain`).
+Forward, columns go along with the steps; backward, a gradient goes against them (`StepChain`).
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.linear_steps import LinearizedStep
-from condyn_pin.gradients.routes.route import Chain, Route, check_parameters
+from condyn_pin.gradients.routes.route import Route, StepChain, check_parameters
 from condyn_pin.gradients.routes.step_derivatives import PARAMETERS, StepDerivatives
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.motion_status import RunStatus
 from condyn_pin.simulation.records import Note, Remarks
 from condyn_pin.simulation.system import System
-from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian
+from condyn_pin.simulation.torques import AppliedTorques, Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
 
 
@@ -66,7 +66,7 @@ class TrajectoryDerivatives:
         wrt: tuple[str, ...],
     ) -> None:  # fmt: skip
         self.route, self.steps, self._wrt = route, count, wrt
-        self._chain, self._columns = Chain(route, steps, count), steps.columns
+        self._chain, self._columns = StepChain(route, steps, count), steps.columns
         self._kept = self._chain.kept(start)
         self.q, self.v = read_only(self._kept[-1])
         self._one_sided, self._notes, self._swept = set[int](), dict[int, list[Note]](), False
@@ -220,7 +220,7 @@ def trajectory_derivatives(
     names = check_parameters(chosen, scheme, wrt, ("tau",))
     effects = run.effects
     scene = effects.applied_to(motion.scene).at(0.0)
-    applied = Applied(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
+    applied = AppliedTorques(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
     _check_applied(motion, applied)
     system = System(
         Workspace(scene.bilateral), applied, springs=effects.springs, damping=effects.damping,
@@ -255,7 +255,7 @@ def _scheme_of(motion: Trajectory) -> ContactScheme:
     return run.integrator
 
 
-def _check_applied(motion: Trajectory, applied: Applied) -> None:
+def _check_applied(motion: Trajectory, applied: AppliedTorques) -> None:
     """Refuse torques and forces that are not those of the motion: it would be another one."""
     for k in (0, len(motion.t) // 2, -1):
         t, its = float(motion.t[k]), motion.tau[k]

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin._core.arguments import check_accuracy_of_a, check_count, renamed
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.jacobian import Jacobian
-from condyn_pin._core.rows import Batch, BatchResult, Native, Some, Verb, run
+from condyn_pin._core.rows import Batch, BatchResult, Native, RowWork, Some, run
 from condyn_pin._core.show import require_pandas
 from condyn_pin._core.work import Arrays, Kind, Messages, Progress, map_chunks, silent
 from condyn_pin.constraints.drift import Baumgarte
@@ -490,7 +490,7 @@ def _sample(
 
 
 @dataclass(frozen=True)
-class SolvedRows(Verb):
+class SolvedRows(RowWork):
     """Solution at each state, and its derivatives if there is a method for them."""
 
     accuracy: float | None

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.rows import Native, Verb, run
+from condyn_pin._core.rows import Native, RowWork, run
 from condyn_pin._core.threads import ThreadCache, one_blas_thread
 from condyn_pin._core.work import Arrays, Messages, Progress, silent
 from condyn_pin.constraints.contacts.contact import Contact
@@ -58,7 +58,7 @@ from condyn_pin.simulation.measures import (
     work,
 )
 from condyn_pin.simulation.motion_status import (
-    Course,
+    JudgedMotion,
     MotionLimits,
     RunStatus,
     check_limits,
@@ -69,7 +69,7 @@ from condyn_pin.simulation.plan import Plan, check_penetration, default_solver, 
 from condyn_pin.simulation.records import ContactWork, Phase, touch_of
 from condyn_pin.simulation.run import LOST, HybridPhase, first_state, follow, is_lost
 from condyn_pin.simulation.system import System
-from condyn_pin.simulation.torques import Passive, Torque, TorqueJacobian
+from condyn_pin.simulation.torques import PassiveForces, Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.stepping.batch import SteppedRows, contacts_of, states_of, step_plan
 from condyn_pin.stepping.contact_steps import ContactSteps
@@ -209,7 +209,7 @@ _CANNOT_BEGIN: Final = (NotAssembled, SolveFailed, StepFailed)
 
 
 @dataclass(frozen=True)
-class Motions(Verb):
+class Motions(RowWork):
     """Motions from some states."""
 
     function: Torque | None = field(compare=False)  # its == may be that of arrays
@@ -308,7 +308,7 @@ class Motions(Verb):
     ) -> tuple[NDArray[np.intp], Messages]:
         """Simulate in the core; after a step in Python, a motion continues there."""
         q, v, tau = states_of(workspace, inputs)
-        ways = _Ways(self, workspace, outputs, q, v.copy())
+        ways = _MotionsUnderWay(self, workspace, outputs, q, v.copy())
         core = contacts_of(workspace, self.contacts)
         outputs["run_times"][:] = 0.0
         ahead = self.steps % self.every > 0  # the last sample is that of a step not taken
@@ -458,7 +458,7 @@ def put_motions(
     words = {}
     for k, row in enumerate(ok.tolist()):
         anchored = with_anchors(scene, q[k, 0], {})
-        course = Course(
+        course = JudgedMotion(
             phases=(Phase(anchored, slice(0, len(t[k])), ()),), t=t[k], q=q[k], v=v[k],
             violation=violation[k], constraint_velocity=slip[k], energy=energy.of(k), dt=motions.dt,
             integrator=motions.integrator, solver=solver, limits=motions.limits,
@@ -474,7 +474,7 @@ def _energies(found: dict[str, Any], tau: Array, scene: Scene, integrator: Integ
     """Return the energies of motions, each (k, N), work integrated over the samples."""
     t, q, v = found["t"][0], found["q"], found["v"]
     _, _, kinetic, potential, springs, damping = np.moveaxis(found["measures"], 2, 0)
-    passive, mean = Passive.of(scene.robot), 0.5 * (v[:, 1:] + v[:, :-1])
+    passive, mean = PassiveForces.of(scene.robot), 0.5 * (v[:, 1:] + v[:, :-1])
     flat = (-1, *q.shape[2:]), (-1, *v.shape[2:])
     taken = passive.dissipation(q[:, :-1].reshape(flat[0]), mean.reshape(flat[1]))
     between = np.einsum("ni,nki->kn", tau, mean), -taken.reshape(mean.shape[:2]).T
@@ -503,7 +503,7 @@ def _energies(found: dict[str, Any], tau: Array, scene: Scene, integrator: Integ
 # Motions with contacts on their way, and the steps of them that the compiled core leaves to Python.
 
 
-class _Ways:
+class _MotionsUnderWay:
     """Motions on their way, as the core has them."""
 
     def __init__(
@@ -534,7 +534,7 @@ class _Steps:
         self._is_anchored = all(bound.anchored for bound in scene.bounds)
 
     @one_blas_thread
-    def take(self, ways: _Ways, i: int, tau: Array) -> None:
+    def take(self, ways: _MotionsUnderWay, i: int, tau: Array) -> None:
         """Take the next step of motion i; it is not to go on where there is none."""
         of, k = self._of, int(ways.step[i])
         q, v, work = ways.q[i].copy(), ways.v[i].copy(), ContactWork(*ways.works[i].tolist())
@@ -564,7 +564,7 @@ class _Steps:
             ways.done[i] = end == of.steps
 
     def _keep(
-        self, ways: _Ways, i: int, row: int, state: tuple[float, Array, Array, Array],
+        self, ways: _MotionsUnderWay, i: int, row: int, state: tuple[float, Array, Array, Array],
         work: ContactWork,
     ) -> None:  # fmt: skip
         t, q, v, a = state

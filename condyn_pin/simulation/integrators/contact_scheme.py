@@ -26,7 +26,7 @@ from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.problem import Law, components
-from condyn_pin.contact.restitution import RestitutionLaw, Strike
+from condyn_pin.contact.restitution import ImpactAnswer, RestitutionLaw
 from condyn_pin.contact.solvers.admm import ADMM
 from condyn_pin.contact.solvers.contact_solver import ContactSolver
 from condyn_pin.errors import InvalidArgument
@@ -63,7 +63,7 @@ _RENAMED: Final = {
 }
 
 
-class Near(NamedTuple):
+class ActiveContacts(NamedTuple):
     """The active contacts of a step, as a scheme sees them."""
 
     dt: float  # time step [s]
@@ -105,7 +105,7 @@ class Near(NamedTuple):
         diagonal = self.G.diagonal()
         return self._by_row(diagonal[self.normals], diagonal)
 
-    def behind(self, strike: Strike) -> Near:
+    def behind(self, strike: ImpactAnswer) -> ActiveContacts:
         """The contacts after an impact; those that rebound keep their separating velocity."""
         # g_n = J_n v_free - max(J_n v', 0),    v' the velocity behind the impact
         m = len(strike.lam)
@@ -206,15 +206,15 @@ class ContactScheme(Integrator, ABC):
         )
 
     @abstractmethod
-    def bias(self, near: Near) -> tuple[Array, Array | None]:
+    def bias(self, near: ActiveContacts) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] and R (m,) [1/kg] of contacts that are `near`; no R if hard."""
 
-    def bias_partials(self, near: Near) -> BiasPartials:
+    def bias_partials(self, near: ActiveContacts) -> BiasPartials:
         """Partial derivatives of `bias` by `near`, without that of g by `free`: the identity."""
         return BiasPartials()
 
 
-def closing_velocities(near: Near) -> Array:
+def closing_velocities(near: ActiveContacts) -> Array:
     """Return g of gaps that are zero at the end of a step, and penetrations a fifth less."""
     # g_n = J_n v_free + (s + gap) / dt  (gap > 0),    J_n v_free + s / dt - p  (gap < 0)
     # with p = min(-0.2 gap / dt, 0.2 m/s), or what of it a rigid motion can follow. Where G_nn is
@@ -250,7 +250,7 @@ def _allowed(gap: float, fastest: float) -> float:
     return max(_PUSHED_OUT * gap, fastest) if gap < -AT_REST else 0.0
 
 
-def yielding_gaps(near: Near) -> Array:
+def yielding_gaps(near: ActiveContacts) -> Array:
     """Allowed decrease of gaps (k,) [m, rad], where opposing pushes yield to other contacts."""
     #     y = argmin_{y >= 0}  y . (G_nn + soft) y / 2 - ask . y
     # with ask = p and a little softness of what is pushed out, and ask = -gap / dt of all else,
@@ -298,7 +298,7 @@ def _feasible_pushes(N: Array, wanted: Array, bent: Array) -> Array:
     return np.where(pushed & (got < _ALL * wanted), np.maximum(part, 0.0), wanted)
 
 
-def closing_by(near: Near) -> BiasPartials:
+def closing_by(near: ActiveContacts) -> BiasPartials:
     """Partial derivatives of `closing_velocities` by gaps and bends."""
     # A contact that rests, up to a nanometre deep, has the slope of an open one: rounding of a zero
     # gap has no effect.

@@ -44,7 +44,7 @@ class ImplicitMidpoint(Integrator):
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
         acceleration, manifold, half = system.acceleration, system.manifold, dt / 2
-        middle = _Middle(system, dt)
+        middle = _StepMiddle(system, dt)
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             a = acceleration(t, q, v)
@@ -98,7 +98,7 @@ class LinearlyImplicitMidpoint(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        manifold, middle = system.manifold, _Middle(system, dt)
+        manifold, middle = system.manifold, _StepMiddle(system, dt)
         h, half = np.array(dt), np.array(dt / 2)  # numpy multiplies by these faster than by floats
         before: Array | None = None  # V' in the middle of the step before, in the axes of its end
 
@@ -115,7 +115,7 @@ class LinearlyImplicitMidpoint(Integrator):
         return Stepper(step)
 
 
-class _Middle:
+class _StepMiddle:
     """The middle of a step: V' there, from a V' that is nearly it."""
 
     def __init__(self, system: System, dt: float) -> None:

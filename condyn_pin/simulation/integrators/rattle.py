@@ -30,7 +30,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import inverse
 from condyn_pin._core.models import joints_with_turning_axes, whole_data
-from condyn_pin.dynamics.derivatives.solution_derivatives import Carried, in_series
+from condyn_pin.dynamics.derivatives.solution_derivatives import FreeBodyModel, in_series
 from condyn_pin.simulation.integrators.integrator import (
     Integrator,
     Order,
@@ -106,7 +106,7 @@ class Shake(Integrator):
         return Stepper(_Hamiltonian(system, dt, self.title, hidden=False).step)
 
 
-class _Place(NamedTuple):
+class _FactorisedState(NamedTuple):
     """Mass matrix, constraint rows, inverses and damping at one configuration."""
 
     kept: Callable[[Array], Array]  # rows without what the digits of the file make up
@@ -125,13 +125,13 @@ class _Hamiltonian:
     def __init__(self, system: System, dt: float, title: str, *, hidden: bool) -> None:
         self._system, self._dt, self._half = system, dt, dt / 2
         self._title, self._hidden = title, hidden
-        self._end: tuple[Array, _Place | None] = np.zeros(0), None  # of the last step
+        self._end: tuple[Array, _FactorisedState | None] = np.zeros(0), None  # of the last step
         model, _ = in_series(system.model, ())
         nominal = system.scene.nominal
         self._redundancy = nominal.redundancy if nominal.looks_independent else None
         self._carried = None
         if model is not system.model and joints_with_turning_axes(model):
-            self._carried = Carried(model)
+            self._carried = FreeBodyModel(model)
             model = self._carried.model
         # Pinocchio forms C in the world's axes and about its origin: far from there it is made of
         # differences. Where a tree stands does not matter for C and g.
@@ -161,7 +161,7 @@ class _Hamiltonian:
         return q1, v1, a
 
     def _first_half(
-        self, t: float, q: Array, v: Array, a: Array, lam: Array, place: _Place
+        self, t: float, q: Array, v: Array, a: Array, lam: Array, place: _FactorisedState
     ) -> tuple[Array, Array, Array, Array]:
         """Return q1, p_h, M1^-1 p_h and lam with c(q1) = 0."""
         system, dt, half = self._system, self._dt, self._half
@@ -211,7 +211,7 @@ class _Hamiltonian:
         g = pin.computeGeneralizedGravity(self._model, self._data, q)
         return np.asarray(v.dot(C) - g)
 
-    def _place(self, q: Array) -> _Place:
+    def _place(self, q: Array) -> _FactorisedState:
         """Mass matrix, constraint rows, inverses and damping at q."""
         kept = self._system.kept_rows(q)
         M, J = self._system.mass(q), kept(self._system.equations.jacobian(q))
@@ -219,9 +219,9 @@ class _Hamiltonian:
         both = M_inv, _inverse_between(J, M_inv, J)
         D = self._passive.damping_matrix(q) if self._passive.between else self._of_joints
         if not D.any():
-            return _Place(kept, M, J, *both, *both, D)
+            return _FactorisedState(kept, M, J, *both, *both, D)
         Md_inv = inverse(M + self._half * D)
-        return _Place(kept, M, J, *both, Md_inv, _inverse_between(J, Md_inv, J), D)
+        return _FactorisedState(kept, M, J, *both, Md_inv, _inverse_between(J, Md_inv, J), D)
 
 
 def _inverse_between(J1: Array, M_inv: Array, J: Array) -> Array:

@@ -8,9 +8,9 @@ from typing import ClassVar
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import Law
 from condyn_pin.simulation.integrators.contact_scheme import (
+    ActiveContacts,
     BiasPartials,
     ContactScheme,
-    Near,
     closing_by,
     closing_velocities,
 )
@@ -44,11 +44,11 @@ class Anitescu(ContactScheme):
     law: ClassVar[Law] = "ccp"
     closes_gaps: ClassVar[bool] = True
 
-    def bias(self, near: Near) -> tuple[Array, Array | None]:
+    def bias(self, near: ActiveContacts) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; they are rigid."""
         return closing_velocities(near), None
 
-    def bias_partials(self, near: Near) -> BiasPartials:
+    def bias_partials(self, near: ActiveContacts) -> BiasPartials:
         """Partial derivatives of `bias` by `near`."""
         return closing_by(near)
 

@@ -10,7 +10,11 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.restitution import Energetic, RestitutionLaw, check_law
-from condyn_pin.simulation.integrators.contact_scheme import BiasPartials, ContactScheme, Near
+from condyn_pin.simulation.integrators.contact_scheme import (
+    ActiveContacts,
+    BiasPartials,
+    ContactScheme,
+)
 from condyn_pin.simulation.integrators.integrator import Order, Stepper
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.contact_steps import contact_stepper
@@ -79,13 +83,13 @@ class Moreau(ContactScheme):
         """Flags of contacts that touch in the middle of the step."""
         return np.asarray(gaps <= self.touching)
 
-    def bias(self, near: Near) -> tuple[Array, Array | None]:
+    def bias(self, near: ActiveContacts) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; they are rigid."""
         g = near.free.copy()
         g[near.normals] += near.restitution * near.before[near.normals] + near.bends / near.dt
         return g, None
 
-    def bias_partials(self, near: Near) -> BiasPartials:
+    def bias_partials(self, near: ActiveContacts) -> BiasPartials:
         """Partial derivatives of `bias` by `near`."""
         before = np.zeros_like(near.free)
         before[near.normals] = near.restitution

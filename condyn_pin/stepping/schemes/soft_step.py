@@ -21,7 +21,11 @@ from condyn_pin.dynamics.solvers.soft import (
     reference,
     reference_by,
 )
-from condyn_pin.simulation.integrators.contact_scheme import BiasPartials, ContactScheme, Near
+from condyn_pin.simulation.integrators.contact_scheme import (
+    ActiveContacts,
+    BiasPartials,
+    ContactScheme,
+)
 from condyn_pin.simulation.integrators.integrator import Stepper
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.contact_steps import contact_stepper
@@ -80,14 +84,14 @@ class SoftStep(ContactScheme):
         """Flags of touching contacts."""
         return np.asarray(gaps <= 0)
 
-    def bias(self, near: Near) -> tuple[Array, Array | None]:
+    def bias(self, near: ActiveContacts) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] and R (m,) [1/kg] of contacts that are `near`."""
         c, d, solref = self._given(near)
         a_ref = reference(c, near.before, d, solref, self.solimp)
         R = (1 - d) / d * near.stiffness
         return near.free - near.before - near.dt * a_ref, R
 
-    def bias_partials(self, near: Near) -> BiasPartials:
+    def bias_partials(self, near: ActiveContacts) -> BiasPartials:
         """Partial derivatives of `bias` by `near`."""
         c, d, solref = self._given(near)
         d_gap = np.sign(near.depth) * impedance_slope(np.abs(near.depth), self.solimp)
@@ -101,7 +105,7 @@ class SoftStep(ContactScheme):
             R_stiffness=(1 - d) / d,
         )  # fmt: skip
 
-    def _given(self, near: Near) -> tuple[Array, Array, SolRef]:
+    def _given(self, near: ActiveContacts) -> tuple[Array, Array, SolRef]:
         """Return gaps (m,), zero across the normal, impedances (m,), and solref as it counts."""
         c = np.zeros_like(near.free)
         c[near.normals] = near.gaps

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.integrators.contact_scheme import (
+    ActiveContacts,
     BiasPartials,
     ContactScheme,
-    Near,
     closing_by,
     closing_velocities,
 )
@@ -47,11 +47,11 @@ class StewartTrinkle(ContactScheme):
     use: ClassVar[str] = "by default with contacts: nothing penetrates, whatever dt is"
     closes_gaps: ClassVar[bool] = True
 
-    def bias(self, near: Near) -> tuple[Array, Array | None]:
+    def bias(self, near: ActiveContacts) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; they are rigid."""
         return closing_velocities(near), None
 
-    def bias_partials(self, near: Near) -> BiasPartials:
+    def bias_partials(self, near: ActiveContacts) -> BiasPartials:
         """Partial derivatives of `bias` by `near`."""
         return closing_by(near)
 

@@ -23,7 +23,7 @@ from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed, unknown_name
-from condyn_pin.study.measures.measure import Answer, Measure, relative, solve_without_throw
+from condyn_pin.study.measures.measure import ComparedAnswer, Measure, relative, solve_without_throw
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,9 @@ class AccelerationMeasure(Measure):
         """Return a by `Reference`."""
         return Workspace(scene, Reference()).solve(*state, throw=False).a
 
-    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+    def answer(
+        self, workspace: Workspace, state: State, truth: Array, accuracy: float
+    ) -> ComparedAnswer:
         """Return the answer of a workspace's solver at a state."""
         try:
             hot = workspace.acceleration(*state)
@@ -49,7 +51,7 @@ class AccelerationMeasure(Measure):
         solution = workspace.solve(*state, accuracy=accuracy, throw=False)
         gravity = workspace.scene.nominal.estimator.gravity
         error = max(relative(a, truth, gravity) for a in (hot, solution.a))
-        return Answer.of(solution, error, accuracy)
+        return ComparedAnswer.of(solution, error, accuracy)
 
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:
         """Return the hot loop, the solve with its residuals, and Pinocchio's own call."""
@@ -82,13 +84,15 @@ class ForceMeasure(Measure):
         lam = workspace.solve(*state, throw=False).lam
         return workspace.jacobian(state[0]).T @ lam
 
-    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+    def answer(
+        self, workspace: Workspace, state: State, truth: Array, accuracy: float
+    ) -> ComparedAnswer:
         """Return the answer of a workspace's solver at a state."""
         solution = workspace.solve(*state, accuracy=accuracy, throw=False)
         force = workspace.jacobian(state[0]).T @ solution.lam
         error = relative(force, truth, workspace.scene.nominal.weight)
         # a status of ok speaks of a, and promises nothing of forces
-        return Answer.of(solution, error, promised=float("inf"))
+        return ComparedAnswer.of(solution, error, promised=float("inf"))
 
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:
         """Return the solve with its proof."""
@@ -129,7 +133,9 @@ class DerivativeMeasure(Measure):
         solution = workspace.solve(*state, throw=False)
         return _blocks(workspace, solution, state, "kkt")
 
-    def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:
+    def answer(
+        self, workspace: Workspace, state: State, truth: Array, accuracy: float
+    ) -> ComparedAnswer:
         """Return the answer of a workspace's solver at a state."""
         if not workspace.solver.exact:
             raise InvalidArgument(
@@ -142,7 +148,7 @@ class DerivativeMeasure(Measure):
             found = self._formed(workspace, solution, state)
             J, redundant = workspace.jacobian(solution.q), workspace.scene.nominal.dependent
             error = _worst(found, truth, directions(J, redundant))
-        return Answer.of(solution, error, promised=inf)
+        return ComparedAnswer.of(solution, error, promised=inf)
 
     def calls(self, workspace: Workspace) -> Mapping[str, Call]:
         """Return solve and derivatives, all matrices formed."""

@@ -6,9 +6,9 @@
 2. `truth(scene, state)` is what an answer is compared with: an array, by `Reference`, by a closed
    form, or by a computation that is converged far beyond what is measured. It may take
    milliseconds.
-3. `answer(workspace, state, truth, accuracy)` lets a method answer one state, and returns an
-   `Answer`. `workspace` is what `open(scene, method)` returned: that of a solver, unless the
-   measure overrides it; then `asks` is the type of its methods, `methods` their registry, and
+3. `answer(workspace, state, truth, accuracy)` lets a method answer one state, and returns a
+   `ComparedAnswer`. `workspace` is what `open(scene, method)` returned: that of a solver, unless
+   the measure overrides it; then `asks` is the type of its methods, `methods` their registry, and
    `scenes_of` has the scenes that the name of a robot stands for. An answer that is not finite has
    an infinite error. A `CondynError` that is raised counts as a refusal, and its text is kept.
 4. `calls(workspace)` returns what is timed, each called with (q, v, tau): "once", what a user of
@@ -48,7 +48,7 @@ WRONG = "wrong"
 
 
 @dataclass(frozen=True)
-class Answer:
+class ComparedAnswer:
     """One answer, compared with the truth.
 
     Attributes
@@ -69,7 +69,7 @@ class Answer:
     iterations: int
 
     @classmethod
-    def of(cls, solution: Solution, error: float, promised: float) -> Answer:
+    def of(cls, solution: Solution, error: float, promised: float) -> ComparedAnswer:
         """Return the answer of a solution; "wrong" if ok with an error above `promised`."""
         status = solution.status.word
         return cls(
@@ -122,7 +122,7 @@ class Measure(ABC):
         """Return the true value at a state, with which answers are compared."""
 
     @abstractmethod
-    def answer(self, workspace: Any, state: State, truth: Array, accuracy: float) -> Answer:
+    def answer(self, workspace: Any, state: State, truth: Array, accuracy: float) -> ComparedAnswer:
         """Return the answer of a method at a state, judged by `truth` and `accuracy`."""
 
     @abstractmethod

@@ -28,7 +28,7 @@ from condyn_pin.dynamics.solvers.solver import Solver
 from condyn_pin.dynamics.workspace import Workspace, default_solver
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.gradients.routes import ROUTES, Route
-from condyn_pin.gradients.routes.route import Chain, linear_steps
+from condyn_pin.gradients.routes.route import StepChain, linear_steps
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.drift import DRIFTS, Drift, NoDrift
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
@@ -42,7 +42,7 @@ from condyn_pin.stepping.schemes.event_driven import EventDriven
 from condyn_pin.stepping.schemes.moreau import Moreau
 from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 from condyn_pin.stepping.single_step import contact_problem
-from condyn_pin.study.measures.measure import Answer, Measure, or_inf, relative
+from condyn_pin.study.measures.measure import ComparedAnswer, Measure, or_inf, relative
 from condyn_pin.study.tables import Methods, Parameter
 
 _FRICTION = 0.7  # of rubber on a dry floor
@@ -125,7 +125,7 @@ class ContactMeasure(Measure):
 
     def answer(
         self, workspace: ContactBench, state: State, truth: Array, accuracy: float
-    ) -> Answer:
+    ) -> ComparedAnswer:
         """Return the answer of a contact solver at a state."""
         problem, solver = self._posed(workspace, state), workspace.solver
         found, natural = attempt_contact(problem, solver, None, _goal(solver))
@@ -140,7 +140,7 @@ class ContactMeasure(Measure):
             others = (truth, polished) if exact else (truth,)
             distances = (_distance(problem, solution.lam, other, least) for other in others)
             lost, error = min(distances, key=lambda pair: pair[1])
-        return Answer(
+        return ComparedAnswer(
             error=error,
             status=solution.status.word,
             dynamics_error=lost,
@@ -308,7 +308,9 @@ class TrajectoryMeasure(Measure):
         """Return q and v at the end (nq + nv,)."""
         return _converged_end(scene, self.duration, *(x.tobytes() for x in state))
 
-    def answer(self, workspace: MotionBench, state: State, truth: Array, accuracy: float) -> Answer:
+    def answer(
+        self, workspace: MotionBench, state: State, truth: Array, accuracy: float
+    ) -> ComparedAnswer:
         """Return the answer of a motion with a workspace's solver."""
         motion, model = self._motion(workspace, state), workspace.held.model
         q, v = truth[: model.nq], truth[model.nq :]
@@ -317,7 +319,7 @@ class TrajectoryMeasure(Measure):
         gravity = workspace.held.scene.nominal.estimator.gravity
         gaps = motion.gaps.values()
         penetration = max((_largest(np.minimum(gap, 0.0)) for gap in gaps), default=0.0)
-        return Answer(
+        return ComparedAnswer(
             error=max(
                 relative(way + off, way, gravity * self.duration**2 / 2),
                 relative(motion.v[-1], v, gravity * self.duration),
@@ -485,7 +487,9 @@ class GradientMeasure(Measure):
         arrays = (x.tobytes() for x in state)
         return _slopes(scene, self.duration, tuple(self.wrt), *arrays)
 
-    def answer(self, workspace: RouteBench, state: State, truth: Array, accuracy: float) -> Answer:
+    def answer(
+        self, workspace: RouteBench, state: State, truth: Array, accuracy: float
+    ) -> ComparedAnswer:
         """Return the answer of a route at a state."""
         route = workspace.route
         drawn = [route]
@@ -496,7 +500,7 @@ class GradientMeasure(Measure):
         slopes, end = found[..., :-1], found[0, :, -1]
         size = max(float(np.abs(truth[:, :-1]).max()), 1.0)
         spread = slopes.std(axis=0, ddof=1) if len(drawn) > 1 else np.zeros(1)
-        return Answer(
+        return ComparedAnswer(
             error=relative(slopes.mean(axis=0), truth[:, :-1], 1.0),
             status="ok",
             dynamics_error=float(spread.max()) / size,
@@ -520,7 +524,7 @@ class GradientMeasure(Measure):
         """Slopes (2 nv, directions) and, in the last column, the end (2 nv,), by a route, in x."""
         q, v, tau = state
         steps = linear_steps(scene, route.scheme(self.integrator), self.duration / self._steps)
-        chain, n = Chain(route, steps, self._steps, np.tile(tau, (self._steps, 1))), len(v)
+        chain, n = StepChain(route, steps, self._steps, np.tile(tau, (self._steps, 1))), len(v)
         dq, dv, dtau = _directions(scene, self.duration, tuple(self.wrt), q.tobytes())
         x = np.vstack((dq, dv))
         for of in chain.forward((q, v)):

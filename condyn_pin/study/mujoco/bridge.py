@@ -104,7 +104,7 @@ class MujocoBridge:
         check_axes(self.robot, data, paired, self.from_mujoco(data.qpos, data.qvel)[0])
 
     @property
-    def pairs(self) -> tuple[Pair, ...]:
+    def pairs(self) -> tuple[JointPair, ...]:
         """The joints in both engines, in the order of q."""
         return self._pairs  # type: ignore[attr-defined, no-any-return]
 
@@ -347,7 +347,7 @@ _BALLS: Final = {"JointModelFreeFlyer": "free", "JointModelSpherical": "ball"}
 
 
 @dataclass(frozen=True)
-class Pair:
+class JointPair:
     """One joint in both engines."""
 
     name: str  # here
@@ -362,7 +362,7 @@ class Pair:
 
 def pairs_of(
     robot: Robot, mj: Any, names: Mapping[str, str], without: Sequence[str]
-) -> tuple[Pair, ...]:
+) -> tuple[JointPair, ...]:
     """Return the joints of a robot with those of MuJoCo, in the robot's order."""
     # Joints missing on either side, of another type or with another parent, are refused.
     known = joint_names(mj)
@@ -403,7 +403,7 @@ def _names_there(robot: Robot, known: list[str], names: Mapping[str, str]) -> di
     return there
 
 
-def _pair(robot: Robot, mj: Any, i: int, j: int) -> Pair:
+def _pair(robot: Robot, mj: Any, i: int, j: int) -> JointPair:
     joint, kind = robot.model.joints[i], KINDS[int(mj.jnt_type[j])]
     short = joint.shortname()
     ours = scalar_axis(robot.model, i)[0] if joint.nv == 1 else _BALLS.get(short, "")
@@ -418,7 +418,7 @@ def _pair(robot: Robot, mj: Any, i: int, j: int) -> Pair:
             "all others in MuJoCo"
         )
     at, dof = int(mj.jnt_qposadr[j]), int(mj.jnt_dofadr[j])
-    return Pair(
+    return JointPair(
         name=str(robot.model.names[i]),
         here=i,
         there=j,
@@ -430,7 +430,7 @@ def _pair(robot: Robot, mj: Any, i: int, j: int) -> Pair:
     )
 
 
-def _check_parents(robot: Robot, mj: Any, paired: Sequence[Pair], known: list[str]) -> None:
+def _check_parents(robot: Robot, mj: Any, paired: Sequence[JointPair], known: list[str]) -> None:
     here = {pair.there: pair.here for pair in paired}
     for pair in paired:
         parent = carrier(mj, pair.there, here)
@@ -460,7 +460,7 @@ def last_moving_joint(mj: Any, body: int, among: Mapping[int, int]) -> int:
     return -1
 
 
-def check_axes(robot: Robot, data: Any, paired: Sequence[Pair], q: Array) -> None:
+def check_axes(robot: Robot, data: Any, paired: Sequence[JointPair], q: Array) -> None:
     """Refuse joint axes that differ at q, the configuration of MuJoCo's `data`."""
     placed = whole_data(robot.model)
     pin.forwardKinematics(robot.model, placed, q)
@@ -475,7 +475,7 @@ def check_axes(robot: Robot, data: Any, paired: Sequence[Pair], q: Array) -> Non
             )
 
 
-def axes(model: Any, placed: Any, data: Any, pair: Pair) -> tuple[Array, Array]:
+def axes(model: Any, placed: Any, data: Any, pair: JointPair) -> tuple[Array, Array]:
     """Return the axis of a joint in the world in both engines; of a ball, three."""
     R = placed.oMi[pair.here].rotation
     if pair.kind in ("hinge", "slide"):
@@ -513,7 +513,7 @@ def check_units(name: str, x: Array, part: slice) -> None:
 class VelocityMap:
     """X of one robot, by its joints in both engines."""
 
-    def __init__(self, model: Any, pairs: Sequence[Pair]) -> None:
+    def __init__(self, model: Any, pairs: Sequence[JointPair]) -> None:
         self._model = model
         dofs = [dof for pair in pairs for dof in range(pair.dof.start, pair.dof.stop)]
         self._dofs = np.array(dofs, dtype=np.int_)
@@ -544,7 +544,7 @@ class VelocityMap:
             found[..., k : k + 3] = np.cross(v[..., k + 3 : k + 6], v[..., k : k + 3])
         return found
 
-    def _orientation(self, q: Array, pair: Pair) -> Array:
+    def _orientation(self, q: Array, pair: JointPair) -> Array:
         """Return the quaternion x y z w of a free body in the world."""
         placement = self._model.jointPlacements[pair.here]
         return product(quaternion(placement.rotation), q[..., pair.q][..., 3:])

@@ -34,10 +34,10 @@ from condyn_pin.io.mjcf import Transmissions
 from condyn_pin.io.mjcf_file import body_names, disabled
 from condyn_pin.io.mjcf_write import scalar_axis
 from condyn_pin.study.mujoco.bridge import (
+    JointPair,
     LoopRows,
     MujocoBridge,
     MujocoTerms,
-    Pair,
     axes,
     equalities_of,
     last_moving_joint,
@@ -278,7 +278,7 @@ class _Causes:
             scale = max(float(np.abs(ours).max()), float(np.abs(theirs).max()))
         return float(np.abs(np.subtract(ours, theirs)).max()) > self.tolerance * scale
 
-    def _joint(self, pair: Pair) -> Iterator[str]:
+    def _joint(self, pair: JointPair) -> Iterator[str]:
         """Differences of armature, damping, stiffness and rest of a joint, a sentence each."""
         turns = pair.kind != "slide"
         springs = [(s.stiffness, s.reference) for s in self.robot.springs if s.joint == pair.name]
@@ -302,7 +302,7 @@ class _Causes:
             text = f"{rest:.9g} {'rad' if turns else 'm'} here, {at:.9g} in MuJoCo"
             yield f"joint {pair.name}: its spring rests at {text}"
 
-    def _place(self, pair: Pair) -> str:
+    def _place(self, pair: JointPair) -> str:
         """Difference of the axis or the position of a joint, as text; empty if there is none."""
         if pair.kind == "free":
             return ""
@@ -321,7 +321,7 @@ class _Causes:
             "m off"
         )
 
-    def _zero(self, pair: Pair) -> str:
+    def _zero(self, pair: JointPair) -> str:
         """Offset of the joint zero that explains a moved centre of mass, as text; else empty."""
         m, c, _ = self._inertia(pair)
         ours, oMi = self.model.inertias[pair.here], self.placed.oMi[pair.here]
@@ -345,7 +345,7 @@ class _Causes:
             f"the same coordinate puts it {shift:.6g} {unit} further in MuJoCo: another zero (ref?)"
         )
 
-    def _carried(self, pair: Pair, *, placed: bool) -> Iterator[str]:
+    def _carried(self, pair: JointPair, *, placed: bool) -> Iterator[str]:
         """Differences of mass, centre of mass and inertia about it, in the axes of the joint."""
         ours = self.model.inertias[pair.here]
         m, c, inertia = self._inertia(pair)
@@ -369,7 +369,7 @@ class _Causes:
             else:
                 yield f"principal moments {_text(moments)} kg m^2 in both, about other axes"
 
-    def _inertia(self, pair: Pair) -> tuple[float, Array, Array]:
+    def _inertia(self, pair: JointPair) -> tuple[float, Array, Array]:
         """Mass, centre of mass and inertia about it of bodies on MuJoCo's joint, in the world."""
         carried = [b for b in range(self.mj.nbody) if self.holders[b] == pair.there]
         masses, centres = self.mj.body_mass[carried], self.data.xipos[carried]
