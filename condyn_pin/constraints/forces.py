@@ -206,7 +206,7 @@ class Load(NamedTuple):
     wrenches: tuple[tuple[int, Any], ...]
     forces: tuple[AppliedForce, ...]  # those that they are
 
-    def on_top_of(self, wrenches: Any) -> Any:
+    def added_to(self, wrenches: Any) -> Any:
         """Return the wrenches on the joints plus those of the load."""
         total = pin.StdVec_Force(wrenches)
         for joint, wrench in self.wrenches:

@@ -93,7 +93,7 @@ def bearings(
     def passed_on(q: Array, lam: Array) -> Array:
         """Wrench in each joint (njoints, 6), with forces lam."""
         wrenches = equations.wrenches_at(q, lam)
-        pin.rnea(model, data, q, v, a, load.on_top_of(wrenches) if load else wrenches)
+        pin.rnea(model, data, q, v, a, load.added_to(wrenches) if load else wrenches)
         return np.array([f.vector for f in data.f])
 
     scale = max(float(np.abs(lam).max(initial=0.0)), 1.0)

@@ -252,7 +252,10 @@ class NominalAnalysis:
     def estimator(self) -> ErrorEstimator:
         """Estimator of the error of a from residuals."""
         leaning = [
-            row for b in self._scene.bounds if b.leans for row in range(b.rows.start, b.rows.stop)
+            row
+            for b in self._scene.bounds
+            if b.has_computed_axes
+            for row in range(b.rows.start, b.rows.stop)
         ]
         return ErrorEstimator(self.factors, self.cancellation, self.gravity, self.weight, leaning)
 

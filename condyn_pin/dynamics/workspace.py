@@ -291,7 +291,7 @@ class Workspace(OneThread):
         for made_on_demand in ("_made", "equations", "linearisation", "loads", "compiled"):
             self.__dict__.pop(made_on_demand, None)
         if equations is not None:
-            self.equations = self._told(equations)
+            self.equations = self._with_redundancy(equations)
 
     @property
     def _exact(self) -> BoundSolver:
@@ -594,9 +594,9 @@ class Workspace(OneThread):
     @cached_property
     def equations(self) -> Equations:
         """The equations of the scene, in memory of their own that no solver writes to."""
-        return self._told(Equations(self.model, self.bounds, self.drift))
+        return self._with_redundancy(Equations(self.model, self.bounds, self.drift))
 
-    def _told(self, equations: Equations) -> Equations:
+    def _with_redundancy(self, equations: Equations) -> Equations:
         """Equations that know the redundancy of the scene's rows, if any look independent."""
         nominal = self.scene.nominal
         equations.redundancy = (lambda: nominal.redundancy) if nominal.looks_independent else None

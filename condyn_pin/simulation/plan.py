@@ -146,9 +146,9 @@ def _check_jacobian(tau: object, jacobian: object, integrator: Integrator) -> No
     check_called("jacobian", jacobian, "t, q, v")
     if not callable(tau):
         raise InvalidArgument("jacobian: tau is no function, and its derivatives are zero")
-    if not integrator.takes_jacobian:
+    if not integrator.uses_torque_jacobian:
         can = ", ".join(
-            sorted(k.__name__ for k in integrators.INTEGRATORS.values() if k().takes_jacobian)
+            sorted(k.__name__ for k in integrators.INTEGRATORS.values() if k().uses_torque_jacobian)
         )
         raise InvalidArgument(f"jacobian: {integrator.title} does not use it; {can} do")
 

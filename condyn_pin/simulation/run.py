@@ -677,6 +677,6 @@ def hint_of(simulator: HybridSimulator, q0: Array) -> str:
 def remedy_of(simulator: HybridSimulator) -> str:
     """Advice to pass a jacobian of the torque function; empty where steps do not need one."""
     plan = simulator.plan
-    if not (plan.integrator.takes_jacobian and plan.tau.could_be_differenced):
+    if not (plan.integrator.uses_torque_jacobian and plan.tau.could_be_differenced):
         return ""
     return "; if tau(t, q, v) is stiff, pass its derivatives as jacobian=..."

@@ -201,7 +201,7 @@ def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -
     # Empty if there is none; q is where the inertia is that of the machine.
     between = system.passive.between
     damped = system.passive.d.any() or (between is not None and between.c.any())
-    if integrator.takes_stiff_damping or not damped:
+    if integrator.damps_implicitly or not damped:
         return ""
     rate, i = _fastest(system, q)
     limit = 2 * stability_limit(integrator, beta_per_alpha=0.0)  # c'' + 2 alpha c' = 0
@@ -220,7 +220,7 @@ def stiff_springs(system: System, integrator: Integrator, dt: float, q: Array) -
     """Message on a spring too stiff for an integrator at dt; as `stiff_damping`."""
     passive, between = system.passive, system.passive.between
     sprung = passive.k.any() or (between is not None and between.k.any())
-    if integrator.takes_jacobian or integrator.is_adaptive or not sprung:
+    if integrator.uses_torque_jacobian or integrator.is_adaptive or not sprung:
         return ""
     stiffnesses, axes = np.linalg.eigh(passive.stiffness_matrix(q))
     squares, modes, P_root = _spectrum(system, q, axes * np.sqrt(np.maximum(stiffnesses, 0.0)))

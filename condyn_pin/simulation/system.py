@@ -189,7 +189,7 @@ class System:
         """The joints whose bodies move the same however they are turned."""
         if self.scene.rows or self.passive.between is not None:
             return frozenset()
-        felt = (joint for bound in self._bounds for joint in _felt(bound))
+        felt = (joint for bound in self._bounds for joint in _joints_that_turn_contacts(bound))
         return self.manifold.balls - {self.model.names[joint] for joint in felt}
 
     def implicit(self, dt: float) -> System:
@@ -268,7 +268,7 @@ def total_torque(applied: AppliedTorques, passive: PassiveForces, dt: float = 0.
     return torque
 
 
-def _felt(bound: BoundContact) -> Iterator[int]:
+def _joints_that_turn_contacts(bound: BoundContact) -> Iterator[int]:
     """Yield the joints whose turning a contact feels: all but those of balls about their centre."""
     for touch in bound.touches:
         yield touch.ground

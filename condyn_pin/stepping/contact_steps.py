@@ -369,7 +369,7 @@ class ContactSteps:
 
     # The step as it is posed.
 
-    def looks_at(self, t: float) -> float:
+    def evaluation_time(self, t: float) -> float:
         """Return the time at which the equations of a step from t are evaluated [s]."""
         return t + (1.0 - self._share) * self._dt
 
@@ -379,17 +379,17 @@ class ContactSteps:
         """Return the step from a state with its contact problem, not yet solved."""
         # The gaps in the problem are those that are near, or those that are `active`.
         scheme, system, floating, dt = self._scheme, self._system, self.floating, self._dt
-        at, looks_at = q, self.looks_at(t)
+        at, evaluated_at = q, self.evaluation_time(t)
         if scheme.at_midpoint:
             at, v = floating.integrate(q, 0.5 * dt * v), floating.turned(v, 0.5 * dt)
         else:
             tau = self._torques[dt](t, q, v)
         if self._is_driven:
-            system.at(looks_at)  # with what is driven where it is there
+            system.at(evaluated_at)  # with what is driven where it is there
         M, h, J_b, gamma = self._equations.consistent_parts(at, v)
         if scheme.at_midpoint:
             self._span = 0.5 * dt if self._is_resolved(M, at) else dt
-            tau = self._torques[self._span - 0.5 * dt](looks_at, at, v)
+            tau = self._torques[self._span - 0.5 * dt](evaluated_at, at, v)
         rates = None
         if self._is_driven:
             rates = self._equations.wanted[1].copy()
@@ -414,7 +414,9 @@ class ContactSteps:
         if not len(J_c):
             mean = 0.5 * (v + now.free_velocity)
             if scheme.at_midpoint and self._applied.constant is None:
-                tau = tau + (self._applied(looks_at, at, mean) - self._applied(looks_at, at, v))
+                tau = tau + (
+                    self._applied(evaluated_at, at, mean) - self._applied(evaluated_at, at, v)
+                )
             h = self._run.nonLinearEffects(system.model, data, at, mean)
             turning = floating.turning(mean)
             now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip, rates)
@@ -439,7 +441,7 @@ class ContactSteps:
         return StepProblem(
             at=at, v=v, mean=mean, turning=turning, tau=tau, gaps=gaps, J=J, straight=end,
             path=None, J_c=J_c, J_n=J_n, chosen=chosen, condensed=now, near=near, problem=problem,
-            strike=strike, span=self._span, t=looks_at,
+            strike=strike, span=self._span, t=evaluated_at,
         )  # fmt: skip
 
     def _bent(
@@ -512,7 +514,7 @@ class ContactSteps:
         # Those that are `kept` at the beginning bend as they did there.
         there, dt = self.ends.there(posed.at, u), self._dt
         near_there = self._scheme.near(there.gaps, u, dt)
-        active = self.ends.takes_part(posed, there, near_there)
+        active = self.ends.active_flags(posed, there, near_there)
         begun, rates = self.ends.begun(posed)
         bent = there.gaps - begun
         if kept is not None:

@@ -361,7 +361,7 @@ class ProvedSteps:
     ) -> tuple[float, float]:
         """Residuals of the balance of momentum [N s, N m s], and of J_b v+ [m/s, rad/s]."""
         equations, passive = self._system.equations, self._system.passive
-        self._system.at(self._steps.looks_at(self._t))
+        self._system.at(self._steps.evaluation_time(self._t))
         at, v, rows = posed.at, posed.v, self._rows
         gained = (ended - v) / self._dt
         tau = posed.tau - passive.inertia(posed.span) * gained
@@ -420,7 +420,7 @@ class ProvedSteps:
         there = floating.integrate(posed.at, self._dt * path)
         push = self._load(there, lam)
         still = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
-        held = self._run.computeStaticTorque(model, data, there, push.on_top_of(still)).copy()
+        held = self._run.computeStaticTorque(model, data, there, push.added_to(still)).copy()
         pulled = self._run.computeGeneralizedGravity(model, data, there) - held
         torque = push.torque + floating.rows_before(pulled[None], path, self._dt)[0]
         return Load(torque, np.abs(torque), (), ())

@@ -257,7 +257,7 @@ class EndsOfPaths:
         gaps, J = self._contacts.evaluate(self._data, q1)
         return EndOfStep(gaps, self._floating.rows_before(J, u, self._dt))
 
-    def takes_part(
+    def active_flags(
         self, posed: StepProblem, there: EndOfStep, near: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
         """Flags of active gaps: those before, those that close, and pairs as they meet."""

@@ -316,7 +316,7 @@ def contact_parts(scene: Scene, size: float) -> Iterator[Part]:
         pose = pose_from(methodcaller("robot_end", name), place)
         shape = ((patch_mesh(patch), CONTACT),)
         yield Part(f"contacts/{name}/patch", pose, shape, opacity=0.8, on_top=True)
-        if bound.meets:
+        if bound.origins_coincide:
             yield _gap(f"contacts/{name}/gap", name, size)
 
 

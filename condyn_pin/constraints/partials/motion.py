@@ -30,7 +30,7 @@ _skew = pin.skew
 Pair: TypeAlias = BoundBetweenFrames | BoundRelation
 
 
-# Places in `Motion.by` of the partials of a velocity by q and v, and of its rate by q and v.
+# Places in `FrameMotion.by` of the partials of a velocity by q and v, and of its rate by q and v.
 V_Q, J_, A_Q, A_V = range(4)
 
 

@@ -140,7 +140,7 @@ class BoundConstraint(ABC):
         return False
 
     @property
-    def leans(self) -> bool:
+    def has_computed_axes(self) -> bool:
         """True if the rows are along computed directions, not along axes of the frames."""
         return False
 
@@ -170,7 +170,7 @@ class BoundConstraint(ABC):
         return 0
 
     @property
-    def meets(self) -> bool:
+    def origins_coincide(self) -> bool:
         """True if the origins of the two frames coincide when the constraint is closed."""
         return False
 
@@ -223,7 +223,7 @@ class BoundConstraint(ABC):
         """Return 1 or 2 for the "first" or "second" frame as c1 or c2, or raise InvalidArgument."""
 
     @abstractmethod
-    def yields(
+    def approximate_delassus(
         self, body: Callable[[int], Array], columns: Callable[[Sequence[int]], float | Array]
     ) -> Any:
         """MuJoCo's approximate diagonal of J M^-1 J^T, a number per row or one for all."""
@@ -295,7 +295,7 @@ class TwoFrameConstraint(BoundConstraint, ABC):
             )
         return end
 
-    def yields(
+    def approximate_delassus(
         self,
         body: Callable[[int], Array],
         columns: Callable[[Sequence[int]], float | Array],
@@ -399,7 +399,7 @@ class BoundBetweenFrames(TwoFrameConstraint):
         return self.is_rod
 
     @property
-    def meets(self) -> bool:
+    def origins_coincide(self) -> bool:
         """True if the constraint has an anchor."""
         return self.anchored
 
@@ -462,7 +462,7 @@ class BoundBetweenFrames(TwoFrameConstraint):
         return np.asarray(lam[0] * np.asarray(along / np.linalg.norm(along)))
 
     @property
-    def leans(self) -> bool:
+    def has_computed_axes(self) -> bool:
         """True for a rod: its direction is the difference of two positions over its length."""
         return self.is_rod
 

@@ -83,7 +83,9 @@ class ConstraintRows:
         self._couplings, self._evaluators = self._groups.couplings, self._groups.evaluators
         others = self._couplings or self._drives  # which have a part in c too
         self._violations = [] if others else self._groups.violations
-        self._leaning = [b for b in self.bounds if isinstance(b, TwoFrameConstraint) and b.leans]
+        self._leaning = [
+            b for b in self.bounds if isinstance(b, TwoFrameConstraint) and b.has_computed_axes
+        ]
         self._cancellation = Cancellation(model, self.data, self.bounds)
 
     @cached_property
@@ -432,7 +434,7 @@ class Cancellation:
             assert isinstance(b, TwoFrameConstraint)
             turns = b.turns(model)
             self._shares[b.rows, :, 0] = np.array([~turns, turns]).T
-            if b.leans:
+            if b.has_computed_axes:
                 self._leaning.append(b)
             ends = (b.joint1, b.placement1, b), (b.joint2, b.placement2, None)
             for its_rows, (joint, placement, arm) in zip(rows, ends, strict=True):
@@ -615,7 +617,7 @@ class Equations(ConstraintRows):
         wrenches = self.wrenches(lam)
         self.answer = answer_key(q, v, a, lam)
         if load:
-            wrenches = load.on_top_of(wrenches)
+            wrenches = load.added_to(wrenches)
         if load or self.recursion is None:
             bodies = self._run.rnea(self.model, self.data, q, v, a, wrenches)
         else:

@@ -120,7 +120,7 @@ class BoundRelation(TwoFrameConstraint):
         return np.array(self.relation.angles)
 
     @property
-    def leans(self) -> bool:
+    def has_computed_axes(self) -> bool:
         """True if W changes with the state."""
         return not isinstance(self.relation, RelativePosition)
 
@@ -317,7 +317,7 @@ class BoundCoupling(CoordinateRows):
         joint = next(j for j in model.joints if j.idx_v <= iv < j.idx_v + j.nv)
         return np.array([not lengths(joint)[iv - int(joint.idx_v)]])
 
-    def yields(
+    def approximate_delassus(
         self,
         body: Callable[[int], Array],
         columns: Callable[[Sequence[int]], float | Array],
@@ -421,7 +421,7 @@ class BoundOwn(CoordinateRows):
             f"{self.name}: it acts on all coordinates; generalized() has the force on each"
         )
 
-    def yields(
+    def approximate_delassus(
         self,
         body: Callable[[int], Array],
         columns: Callable[[Sequence[int]], float | Array],
@@ -572,7 +572,7 @@ class BoundRolling(TwoFrameConstraint):
         return pin.SE3(np.stack([t, pin.skew(n) @ t, n], axis=1), oMc1.translation + r)
 
     @property
-    def leans(self) -> bool:
+    def has_computed_axes(self) -> bool:
         """True for a wheel: its rows are along e x n / |e x n|, and it may lie nearly flat."""
         return self.axle is not None
 

@@ -65,7 +65,7 @@ def _by_python(
 ) -> Derivatives:
     state = workspace.scene.robot.arguments.accept(*given)
     equations, linearisation = workspace.equations, workspace.linearisation
-    if method == "kkt" and linearisation.takes_the_model:
+    if method == "kkt" and linearisation.uses_given_model:
         equations.recursion = linearisation  # once for the proof and for the derivatives
     try:
         solution = workspace._answered(state, forces, accuracy, False)

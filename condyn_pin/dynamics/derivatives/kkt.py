@@ -300,7 +300,7 @@ class Linearisation:
         self._torques = data.tau
 
     @property
-    def takes_the_model(self) -> bool:
+    def uses_given_model(self) -> bool:
         """True if the given model is used as it is: no joint has axes that turn with its own q."""
         return self._model is self._given
 

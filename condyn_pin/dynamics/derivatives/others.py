@@ -362,12 +362,12 @@ class SoftDerivatives(Derivatives):
     """
 
     def __init__(
-        self, workspace: Workspace, solution: Solution, v: Array, yields: Array,
+        self, workspace: Workspace, solution: Solution, v: Array, approximate_delassus: Array,
         solref: SolRef, solimp: SolImp,
     ) -> None:  # fmt: skip
         super().__init__(solution)
         self._workspace, self._v = workspace, v
-        self._softness = yields, solref, solimp
+        self._softness = approximate_delassus, solref, solimp
         self._linearise()
 
     @of_workspace

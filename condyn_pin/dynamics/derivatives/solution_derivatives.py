@@ -381,7 +381,7 @@ def inverse_inertias_by_inertias(workspace: Workspace) -> Array:
 
     w = np.zeros((workspace.scene.rows, size))
     for bound in workspace.bounds:
-        w[bound.rows] = bound.yields(body, columns)  # linear in both
+        w[bound.rows] = bound.approximate_delassus(body, columns)  # linear in both
     return w
 
 

@@ -225,7 +225,7 @@ class Soft(Solver):
             SoftDerivatives,  # a solve needs none of it
         )
 
-        w = workspace.bound.yields
+        w = workspace.bound.approximate_delassus
         assert w is not None  # as `start` has made it
         return SoftDerivatives(workspace, solution, v, w, self.solref, self.solimp)
 
@@ -268,5 +268,5 @@ def inverse_inertias(workspace: Workspace) -> Array:
 
     w = np.zeros(workspace.scene.rows)
     for bound in workspace.bounds:
-        w[bound.rows] = bound.yields(body, columns)
+        w[bound.rows] = bound.approximate_delassus(body, columns)
     return w

@@ -75,7 +75,7 @@ class BoundSolver:
         Returns the constraint forces (m,) of the last acceleration, in the axes of each constraint.
     iterations : callable
         Returns how many iterations the last acceleration took.
-    yields : (m,) array, optional
+    approximate_delassus : (m,) array, optional
         Of compliant rows: what a unit of force moves [1/kg, 1/(kg m^2)].
     exact : BoundSolver, optional
         The method of `solve`, if hot loops have rows that differ from the scene's where it is open.
@@ -86,7 +86,7 @@ class BoundSolver:
     acceleration: Callable[[Array, Array, Array], Array]
     lam: Callable[[], Array]
     iterations: Callable[[], int]
-    yields: Array | None = None
+    approximate_delassus: Array | None = None
     exact: BoundSolver | None = None
     open_rows: OpenRows | None = None
 

@@ -155,7 +155,7 @@ class LinearizedStep:
             taken = self._with_impact_apart(t, q, v)
         after, alongs, notes = np.zeros(0), list[Array](), dict[str, Note]()
         self.steps.check_turn(v, taken.v)
-        self.system.at(self.steps.looks_at(t))
+        self.system.at(self.steps.evaluation_time(t))
         for posed, _, attempt, natural in taken.tried:
             if posed.kept is not None:
                 after = kept_paths(posed.kept.of, alongs, after)

@@ -57,7 +57,7 @@ class CoordinatePartitioning(Integrator):
     needs_positions: ClassVar[bool] = True
 
     @property
-    def takes_stiff_damping(self) -> bool:
+    def damps_implicitly(self) -> bool:
         """True if joint damping does not limit dt; never, for the method is explicit."""
         return False
 

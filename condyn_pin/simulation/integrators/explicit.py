@@ -73,12 +73,12 @@ class SemiImplicitEuler(Integrator):
     implicit: bool = True
 
     @property
-    def takes_jacobian(self) -> bool:
+    def uses_torque_jacobian(self) -> bool:
         """True if torques of a function act at the end of the step, given their derivatives."""
         return self.implicit
 
     @property
-    def takes_stiff_damping(self) -> bool:
+    def damps_implicitly(self) -> bool:
         """True if joint damping acts at the end of the step, and does not limit dt."""
         return self.implicit
 

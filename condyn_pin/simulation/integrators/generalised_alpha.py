@@ -71,7 +71,7 @@ class GeneralisedAlpha(Integrator):
     use: ClassVar[str] = "for stiff springs with closed loops"
     a_at = "end"
     keeps_constraints: ClassVar[bool] = True
-    takes_jacobian: ClassVar[bool] = True
+    uses_torque_jacobian: ClassVar[bool] = True
     needs_positions: ClassVar[bool] = True
 
     rho: float = 0.8  # [1]

@@ -23,9 +23,10 @@
    One that holds c(q) = 0 alone sets `needs_positions`: wheels and knives have none.
 7. Iterations that do not converge raise `StepFailed`, which names what would do, such as a smaller
    dt. Numbers that are not finite need no care: the next solve finds them.
-8. An implicit method that uses the slopes of torques (`Applied.slopes`) sets `takes_jacobian`.
+8. An implicit method that uses the slopes of torques (`AppliedTorques.slopes`) sets
+   `uses_torque_jacobian`.
 9. An explicit method needs a small dt where the damping of joints is stiff, and a run that
-   breaks down refuses; one that does not overrides `takes_stiff_damping`.
+   breaks down refuses; one that does not overrides `damps_implicitly`.
 10. A scheme whose contacts open and slide inherits from `ContactScheme`, whose file says how; the
     `effects` of its stepper are the work, the events and the notes of the last step. One that finds
     the times at which contacts open and slide sets `locates_events`.
@@ -122,12 +123,12 @@ class Integrator(ABC):
         return self
 
     @property
-    def takes_stiff_damping(self) -> bool:
+    def damps_implicitly(self) -> bool:
         """True if the damping of the robot's joints does not limit dt."""
         return self.keeps_constraints or self.is_adaptive
 
     @property
-    def takes_jacobian(self) -> bool:
+    def uses_torque_jacobian(self) -> bool:
         """True if steps use the derivatives of a torque function by the state."""
         return False
 

@@ -38,8 +38,8 @@ class ImplicitMidpoint(Integrator):
     order: ClassVar[Order] = Order(2, 2, 2)
     solves_per_step: ClassVar[float] = 7
     use: ClassVar[str] = "a symmetric method, for trees"
-    takes_stiff_damping: ClassVar[bool] = True
-    takes_jacobian: ClassVar[bool] = True
+    damps_implicitly: ClassVar[bool] = True
+    uses_torque_jacobian: ClassVar[bool] = True
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
@@ -93,8 +93,8 @@ class LinearlyImplicitMidpoint(Integrator):
     order: ClassVar[Order] = Order(2, 2, 2)
     solves_per_step: ClassVar[float] = 1
     use: ClassVar[str] = "order 2 for one solve a step, with stiff springs and damping"
-    takes_stiff_damping: ClassVar[bool] = True
-    takes_jacobian: ClassVar[bool] = True
+    damps_implicitly: ClassVar[bool] = True
+    uses_torque_jacobian: ClassVar[bool] = True
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""

@@ -45,7 +45,7 @@ class _Radau(Integrator):
     solves_per_step: ClassVar[float] = 12
     a_at = "end"
     keeps_constraints: ClassVar[bool] = True
-    takes_jacobian: ClassVar[bool] = True
+    uses_torque_jacobian: ClassVar[bool] = True
 
     stages: int = 2
 

@@ -117,9 +117,9 @@ class EventDriven(Integrator):
         return self.inner
 
     @property
-    def takes_stiff_damping(self) -> bool:
+    def damps_implicitly(self) -> bool:
         """True if joint damping does not limit dt of the integrator between events."""
-        return self.inner.takes_stiff_damping
+        return self.inner.damps_implicitly
 
     def check(self, candidates: Candidates) -> None:
         """Refuse `candidates` that are where shapes of two bodies meet."""
