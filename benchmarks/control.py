@@ -161,7 +161,7 @@ def _in_core(
     """Return what ticks take in the compiled core, called in turn with those in Python."""
     try:
         cones = python._settings.cones
-        core = Controller(python.scene, python.tasks, cones=cones, native=True, **options)
+        core = Controller(python.scene, python.tasks, cones=cones, engine="core", **options)
     except (cp.errors.MissingExtra, cp.errors.UnsupportedBackend):
         return {}
     pairs, differs, answered = [], 0.0, 0

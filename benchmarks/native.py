@@ -172,7 +172,7 @@ def verbs(label: str, scene: cp.Scene, count: int, rounds: int) -> list[Verb]:
     rng = np.random.default_rng(0)
     some = [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
     states = tuple(np.array(x) for x in zip(*some, strict=True))
-    found, core = [], cp.Workspace(scene, native=True)
+    found, core = [], cp.Workspace(scene, engine="core")
     for verb, call, names in (
         ("solve", cp.solve_batch, ("a", "lam")),
         ("derivatives", cp.simulation.derivatives_batch, BLOCKS),

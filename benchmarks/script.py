@@ -21,6 +21,9 @@ from pathlib import Path
 from time import clock_gettime, process_time
 from typing import Any
 
+# Figures name their engine: what none names is Python's.
+os.environ.setdefault("CONDYN_ENGINE", "python")
+
 from condyn_pin._core.files import write_text
 from condyn_pin._core.timing import machine
 from condyn_pin.study.tables import write_csv

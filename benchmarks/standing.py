@@ -131,7 +131,7 @@ class Stand:
         ]
         feet = cp.Baumgarte.critical(FEET * float(np.sqrt(GRAVITY / self.height)))
         return Controller(
-            scene, tasks, cones=self.cone, rigid=self.rigid, drift=feet, native="where possible"
+            scene, tasks, cones=self.cone, rigid=self.rigid, drift=feet, engine="auto"
         )
 
     def balance(self, q: np.ndarray, v: np.ndarray) -> Balance:

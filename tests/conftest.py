@@ -22,6 +22,9 @@ sys.path.append(str(Path(__file__).parent.parent / "benchmarks"))
 if os.environ.get("TEST_THREADS") != "unset":
     os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+# Tests are of Python also where the core is installed; those marked `native` name the core.
+os.environ.setdefault("CONDYN_ENGINE", "python")
+
 import pytest
 from hypothesis import HealthCheck, settings
 from pairwise import cover
@@ -196,9 +199,13 @@ def seeded():
 
 @dataclass(frozen=True)
 class Engine:
-    """Python or the compiled core, and how a verb is told: `executor` of batches, or `native`."""
+    """Python or the compiled core, and how a verb is told: `executor` of batches, or `engine`."""
 
     native: bool
+
+    @property
+    def name(self):
+        return "core" if self.native else "python"
 
     @property
     def batches(self):

@@ -1007,10 +1007,10 @@ def test_motors_on_several_joints_are_left_to_python():
     scene, _ = wrist((-1.0, 1.0), (-1.0, 1.0))
     task = [JointTask("yaw", a=1.0)]
     with pytest.raises(UnsupportedBackend, match=r"act on several joints \(left, right\)"):
-        Controller(scene, task, cones={}, native=True)
+        Controller(scene, task, cones={}, engine="core")
     both = [
-        Controller(scene, task, cones={}, native=native).solve([0, 0], [0, 0])
-        for native in (False, "where possible")
+        Controller(scene, task, cones={}, engine=engine).solve([0, 0], [0, 0])
+        for engine in ("python", "auto")
     ]
     assert np.array_equal(both[0].u, both[1].u)
 

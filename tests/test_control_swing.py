@@ -127,7 +127,7 @@ def test_springs_may_carry_links_without_mass() -> None:
     assert w == pytest.approx([0.3, 0.0], abs=1e-15)
 
 
-def cassie(native: bool = False) -> tuple[cp.Scene, Controller, Array, Array]:
+def cassie(engine: str = "python") -> tuple[cp.Scene, Controller, Array, Array]:
     """Return Cassie, its controller, and a state in which its springs swing and its loops hold."""
     made = robot("cassie")
     loops, scene = cp.Scene(made, made.loops), cp.Scene(made, [*made.loops, *made.contacts])
@@ -136,11 +136,11 @@ def cassie(native: bool = False) -> tuple[cp.Scene, Controller, Array, Array]:
     springs = [spring.joint for spring in made.springs]
     tasks = [CenterOfMass(weight=100), Orientation("pelvis", weight=50), Posture(weight=0.1)]
     cone = FrictionCone(0.6, sides=8)
-    return loops, Controller(scene, tasks, cones=cone, rigid=springs, native=native), q, v
+    return loops, Controller(scene, tasks, cones=cone, rigid=springs, engine=engine), q, v
 
 
 def test_springs_in_loops_are_locked_by_forces_of_loops_and_springs_alone(engine) -> None:
-    loops, stiff, q, v = cassie(engine.native)
+    loops, stiff, q, v = cassie(engine.name)
     out = stiff.solve(q, v)
     assert out.status.ok
     model = loops.robot.model

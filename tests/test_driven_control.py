@@ -42,7 +42,7 @@ def test_an_arm_is_held_on_a_cart_that_is_shaken(t, engine):
     """tau = -m L (s'' cos(q) + g sin(q)) holds it; the cart feels (M + m) s''."""
     scene = cp.Scene(carried(), [Driven(HeldJoint("cart"), PATH)])
     still = JointTask("arm", kp=0.0, kd=0.0)
-    hold = Controller(scene, [still], cones={}, native=engine.native)
+    hold = Controller(scene, [still], cones={}, engine=engine.name)
     q = 0.4
     s, rate, bend = np.ravel(PATH(t))
     found = hold.solve([s, q], [rate, 0.0], t)

@@ -51,7 +51,7 @@ from test_native_control import OCTAGON, PATH, standing, tasks_of
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.compiled import compiled, compiled_tick
+from condyn_pin._core.compiled import compiled, compiled_tick, core_features
 from condyn_pin._core.tolerances import FORCES, SOLVED
 from condyn_pin.constraints import Driven, HeldJoint
 from condyn_pin.contact import PGS, Lemke
@@ -557,7 +557,7 @@ def test_tasks_and_ticks_that_do_not_fit():
     driven = Driven(HeldJoint("FL_KFE", float(knee)), PATH)
     scene = cp.Scene(stands.robot, [*stands.constraints, driven])
     cones = {c.name: OCTAGON for c in stands.constraints}
-    controller = Controller(scene, [CapturePoint(), Posture()], cones=cones, native=True)
+    controller = Controller(scene, [CapturePoint(), Posture()], cones=cones, engine="core")
     given = ticks.of_program(controller._program, 1e-8)
     whole = compiled_tick().Tick(**given)
     for wrong, words in (
@@ -583,7 +583,7 @@ def test_tasks_and_ticks_that_do_not_fit():
             whole.solve(*(np.ascontiguousarray(each) for each in state))
 
     tasks = [*tasks_of("solo12"), JointTask("FL_HAA"), ContactForce("FL_FOOT", weight=1e-3)]
-    given = ticks.of_program(Controller(stands, tasks, cones=OCTAGON, native=True)._program, 1e-8)
+    given = ticks.of_program(Controller(stands, tasks, cones=OCTAGON, engine="core")._program, 1e-8)
     compiled_tick().Tick(**given)
     kind, size, at = 0, 1, 2  # columns
     for place, value in (
@@ -603,7 +603,7 @@ def test_tasks_and_ticks_that_do_not_fit():
 @pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "four_bar hinge"])
 def test_a_workspace_answers_one_state_as_python_does(label):
     scene = scene_of(label)
-    native, python = cp.Workspace(scene, native=True), cp.Workspace(scene)
+    native, python = cp.Workspace(scene, engine="core"), cp.Workspace(scene)
     for state in zip(*states_of(scene, 3), strict=True):
         found, wanted = native.solve(*state), python.solve(*state)
         assert_same(found.a[None], wanted.a[None], "a")
@@ -634,7 +634,7 @@ def test_a_workspace_answers_rows_of_every_kind(label):
     if scene.is_driven:
         scene = replace(scene, robot=replace(scene.robot, precision=0.0))
     there = [scene.at(t) for t in (AT, 0.1)] if scene.is_driven else [scene]
-    native, lams = cp.Workspace(there[0], native=True), []
+    native, lams = cp.Workspace(there[0], engine="core"), []
     state = [x[0] for x in states_of(there[0], 1)]
     for now in there:
         native.use(now)
@@ -671,7 +671,7 @@ def test_the_workspace_of_another_scene_has_another_core():
 def test_derivatives_by_the_core_are_of_the_state_and_the_scene_of_the_call():
     scene = scene_of("cassie loops")
     q, v, tau = (x[0].copy() for x in states_of(scene, 1))
-    workspace = cp.Workspace(scene, native=True)
+    workspace = cp.Workspace(scene, engine="core")
     wanted = cp.Workspace(scene).derivatives(q, v, tau)
     found = workspace.derivatives(q, v, tau)
     by_gravity, by_inertias = wanted.by_gravity()[0], wanted.by_inertias()[0]
@@ -693,7 +693,7 @@ def test_derivatives_by_the_core_are_of_the_state_and_the_scene_of_the_call():
 def test_an_empty_list_of_forces_is_no_forces_to_the_core(monkeypatch):
     scene = scene_of(SOLO)
     q, v, tau = (x[0] for x in states_of(scene, 1))
-    workspace = cp.Workspace(scene, native=True)
+    workspace = cp.Workspace(scene, engine="core")
     monkeypatch.setattr(workspace, "_answered", None)  # of Python: no call may come
     wanted, blocks = workspace.solve(q, v, tau), workspace.derivatives(q, v, tau)
     for none in ([], {}, np.zeros(0)):
@@ -708,7 +708,7 @@ def test_an_empty_list_of_forces_is_no_forces_to_the_core(monkeypatch):
 def test_a_workspace_says_of_a_hard_state_what_python_says():
     scene = scene_of("talos contacts")
     q, v, tau = states_of(scene, 1)
-    native, python = cp.Workspace(scene, native=True), cp.Workspace(scene)
+    native, python = cp.Workspace(scene, engine="core"), cp.Workspace(scene)
     for state in ((q[0], 1e160 * v[0], tau[0]), (q[0], v[0], np.full(len(v[0]), np.inf))):
         errors = []
         for workspace in (native, python):
@@ -718,29 +718,56 @@ def test_a_workspace_says_of_a_hard_state_what_python_says():
         assert errors[0] is errors[1]
 
 
-def test_a_workspace_refuses_or_leaves_what_the_core_does_not_take():
+def test_the_core_answers_by_itself_where_it_is_installed(monkeypatch):
+    """What none is named for: verbs, batches and controllers; the environment turns it off."""
+    scene = scene_of(SOLO)
+    Q, V, TAU = states_of(scene, 3)
+    python = cp.solve_batch(scene, Q, V, TAU)
+    monkeypatch.delenv("CONDYN_ENGINE")
+    assert_array_equal(
+        cp.solve_batch(scene, Q, V, TAU).a,
+        cp.solve_batch(scene, Q, V, TAU, executor=cp.Native(threads=1)).a,
+    )
+    core = cp.Workspace(scene, engine="auto")
+    assert "compiled core" in repr(core)
+    one = cp.solve(scene_of(SOLO), Q[0], V[0], TAU[0])
+    assert_array_equal(one.a, core.solve(Q[0], V[0], TAU[0]).a)
+    assert_array_equal(python[0].a, cp.Workspace(scene).solve(Q[0], V[0], TAU[0]).a)
+    assert_allclose(one.a, python[0].a, rtol=1e-9, atol=1e-9)
+    legs = Controller(scene, [Posture()], cones=cp.contact.FrictionCone(0.6, sides=8))
+    assert "compiled core" in repr(legs)
+    assert "used by default" in core_features()["compiled core"]
+    monkeypatch.setenv("CONDYN_ENGINE", "python")
+    assert_array_equal(cp.solve_batch(scene, Q, V, TAU).a, python.a)
+    monkeypatch.setenv("CONDYN_ENGINE", "C")
+    with pytest.raises(cp.InvalidArgument, match="CONDYN_ENGINE = 'C'"):
+        cp.solve_batch(scene, Q, V, TAU)
+
+
+def test_a_workspace_refuses_or_leaves_what_the_core_does_not_take(monkeypatch):
+    monkeypatch.delenv("CONDYN_ENGINE")
     scene = scene_of(SOLO)
     states = states_of(scene, 1)
     with pytest.raises(UnsupportedBackend, match="mu=1e-09"):
-        cp.Workspace(scene, cp.DenseKKT(mu=1e-9), native=True)
+        cp.Workspace(scene, cp.DenseKKT(mu=1e-9), engine="core")
     damped = cp.DenseKKT(mu=1e-9, refinements=1)
-    workspace = cp.Workspace(scene, damped, native="where possible")
+    workspace = cp.Workspace(scene, damped, engine="auto")
     state = [x[0] for x in states]
     wanted = cp.solve(scene, *state, solver=damped)
     assert_array_equal(workspace.solve(*state).a, wanted.a)
-    with pytest.raises(cp.InvalidArgument, match="native = 3"):
-        cp.Workspace(scene, native=3)
-    again = pickle.loads(pickle.dumps(cp.Workspace(scene, native=True)))
-    assert again.native is True
+    with pytest.raises(cp.InvalidArgument, match="engine = 'C'"):
+        cp.Workspace(scene, engine="C")
+    again = pickle.loads(pickle.dumps(cp.Workspace(scene, engine="core")))
+    assert again.engine == "core"
     push = [cp.AppliedForce("base_link", (1.0, 0.0, 0.0))]
-    native = cp.Workspace(scene, native=True)
+    native = cp.Workspace(scene, engine="core")
     for more, word in (({"forces": push}, "forces"), ({"forces": push, "method": "kkt"}, "forces")):
         verb = native.derivatives if "method" in more else native.solve
         with pytest.raises(UnsupportedBackend, match=word):
             verb(*state, **more)
     with pytest.raises(UnsupportedBackend, match="pinocchio"):
         native.derivatives(*state, method="pinocchio")
-    willing = cp.Workspace(scene, native="where possible")
+    willing = cp.Workspace(scene, engine="auto")
     pushed = willing.solve(*state, forces=push)
     assert_array_equal(pushed.a, cp.solve(scene, *state, forces=push).a)
 
@@ -750,7 +777,7 @@ def test_the_verdict_of_the_core_is_that_of_python(label):
     """From quiet states to those whose forces are a million times the weight, and accuracies."""
     scene = scene_of(label)
     Q, V, TAU = states_of(scene, 8)
-    workspace = cp.Workspace(scene, native=True)
+    workspace = cp.Workspace(scene, engine="core")
     core, equations, estimator = workspace.compiled, workspace.equations, scene.nominal.estimator
     left = 0
     for q, v, tau in zip(Q, V, TAU, strict=True):
@@ -799,7 +826,7 @@ def _is_clear(workspace: cp.Workspace, q: np.ndarray, v: np.ndarray, tau: np.nda
 def test_arguments_that_only_need_converting_are_converted_for_the_core():
     scene = scene_of(SOLO)
     states = states_of(scene, 1)
-    workspace, (q, v, tau) = cp.Workspace(scene, native=True), [x[0] for x in states]
+    workspace, (q, v, tau) = cp.Workspace(scene, engine="core"), [x[0] for x in states]
     wanted = workspace.solve(q, v, tau)
     many = np.repeat(v, 2)[::2]
     for state in (

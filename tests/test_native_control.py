@@ -84,7 +84,7 @@ def tasks_of(name: str, **com) -> list:
 def pair(scene, tasks, cones, **options) -> tuple[Controller, Controller]:
     """Return a controller in Python, and the same in the core."""
     made = functools.partial(Controller, scene, tasks, cones=cones, **options)
-    return made(), made(native=True)
+    return made(), made(engine="core")
 
 
 def states_of(name: str, count: int) -> list[tuple[Array, Array]]:
@@ -460,7 +460,7 @@ def test_capture_points_return_as_in_python(name, speed):
 
 def test_the_proof_is_that_of_newton_and_euler():
     scene, (q, v) = standing("talos"), states_of("talos", 1)[0]
-    out = Controller(scene, tasks_of("talos"), cones=CONES["talos"], native=True).solve(q, v)
+    out = Controller(scene, tasks_of("talos"), cones=CONES["talos"], engine="core").solve(q, v)
     forward = cp.solve(scene, q, v, out.tau)
     assert out.path == IN_CORE
     assert np.abs(forward.a - out.a).max() < 1e-9 * np.abs(out.a).max()
@@ -492,7 +492,7 @@ def test_contacts_are_switched():
 
 def test_nothing_is_locked_that_does_not_swing():
     (*_, law) = springs_of_cassie()
-    core = Controller(law.scene, law.tasks, cones=law.cones, native=True, **law.options)
+    core = Controller(law.scene, law.tasks, cones=law.cones, engine="core", **law.options)
     (q, v), *_ = moving(law.scene, 0.1, 1)
     v[core._program.rigid.argmax(axis=1)] = 0.0
     out = core.solve(q, v)
@@ -583,7 +583,8 @@ def test_a_foot_that_others_hold_is_held():
     assert np.abs(mine.a - yours.a).max() < 1e-6
 
 
-def test_what_it_does_not_take_is_refused_by_name_or_done_by_python():
+def test_what_it_does_not_take_is_refused_by_name_or_done_by_python(monkeypatch):
+    monkeypatch.delenv("CONDYN_ENGINE")
     with own_task(still, "m/s^2") as Own:
         scene, (q, v) = standing("solo12"), states_of("solo12", 1)[0]
         held = dict.fromkeys(("FR_FOOT", "HL_FOOT", "HR_FOOT"), OCTAGON)
@@ -596,8 +597,8 @@ def test_what_it_does_not_take_is_refused_by_name_or_done_by_python():
         ):
             options = {"cones": cones, "limits": limits}
             with pytest.raises(UnsupportedBackend, match=reason):
-                Controller(scene, tasks, **options, native=True)
-            either = Controller(scene, tasks, **options, native="where possible")
+                Controller(scene, tasks, **options, engine="core")
+            either = Controller(scene, tasks, **options, engine="auto")
             if "no cone" not in reason:
                 out = Controller(scene, tasks, **options).solve(q, v)
                 same = either.solve(q, v)
@@ -619,8 +620,8 @@ def test_bad_input_is_named_and_nan_is_never_ok():
                 controller.solve(*wrong)
         with pytest.raises(cp.InvalidArgument, match="passive has shape"):
             controller.solve(q, v, passive=[1.0])
-    with pytest.raises(cp.InvalidArgument, match="native = 'yes'"):
-        Controller(scene, tasks_of("solo12"), cones=OCTAGON, native="yes")
+    with pytest.raises(cp.InvalidArgument, match="engine = 'yes'"):
+        Controller(scene, tasks_of("solo12"), cones=OCTAGON, engine="yes")
     lost = CenterOfMass(reference=lambda t: (q[:3] * np.nan, q[:3], q[:3]), name="lost")
     for controller in pair(scene, [lost], OCTAGON):
         with pytest.raises(cp.InvalidArgument, match=r"lost: reference\(0.3\)"):
@@ -634,7 +635,7 @@ def test_bad_input_is_named_and_nan_is_never_ok():
 
 def test_answers_are_the_callers_own_and_controllers_are_pickled():
     (q, v), (q2, v2) = states_of("solo12", 2)
-    core = Controller(standing("solo12"), tasks_of("solo12"), cones=OCTAGON, native=True)
+    core = Controller(standing("solo12"), tasks_of("solo12"), cones=OCTAGON, engine="core")
     first = core.solve(q, v)
     tau, forces = first.tau.copy(), first.lam.copy()
     core.solve(q2, v2)

@@ -261,7 +261,7 @@ def test_nothing_outside_of_the_room_asks_for_the_kind():
 
 def questions(tree):
     """Lines that ask what kind a constraint is: its class, its `kind`, a match of its class."""
-    classes = {*KINDS, "Bound", "BoundCoupling", "BoundRolling", "BoundRelation", "FrameRelation",
+    classes = {*KINDS, "BoundBetweenFrames", "BoundCoupling", "BoundRolling", "BoundRelation", "FrameRelation",
                "BetweenFrames",
                "WithWorld", "Nonholonomic", "OnPlane", "Contact"}  # fmt: skip
     of_loops = {"ball", "weld", "hinge", "slider", "planar", "rod", "coupling"}

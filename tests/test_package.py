@@ -134,16 +134,16 @@ scene = cp.Scene(solo, solo.contacts)
 q, v = scene.state()
 cone = cp.contact.FrictionCone(0.6, sides=8)
 willing = cp.Native(threads=2, where_possible=True)
-for native in (False, "where possible"):
-    solution = cp.Workspace(scene, native=native).solve(q, v, 0 * v)
-    slopes = cp.Workspace(scene, native=native).derivatives(q, v, 0 * v)
-    tick = Controller(scene, [Posture()], cones=cone, native=native).solve(q, v)
-    many = cp.solve_batch(scene, [q], [v], 0, executor=willing if native else None)
-    fall = cp.simulate_batch(scene, [q], [v], duration=0.01, executor=willing if native else None)
+for engine, by in (("python", None), ("auto", willing)):
+    solution = cp.Workspace(scene, engine=engine).solve(q, v, 0 * v)
+    slopes = cp.Workspace(scene, engine=engine).derivatives(q, v, 0 * v)
+    tick = Controller(scene, [Posture()], cones=cone, engine=engine).solve(q, v)
+    many = cp.solve_batch(scene, [q], [v], 0, executor=by)
+    fall = cp.simulate_batch(scene, [q], [v], duration=0.01, executor=by)
     print(*solution.a, *slopes.da_dq.flat, *tick.tau, *many.a.flat, *fall.q.flat)
 for wanted in (
-    lambda: cp.Workspace(scene, native=True),
-    lambda: Controller(scene, [Posture()], cones=cone, native=True),
+    lambda: cp.Workspace(scene, engine="core"),
+    lambda: Controller(scene, [Posture()], cones=cone, engine="core"),
     lambda: cp.Native(),
 ):
     try:

@@ -21,7 +21,7 @@ SCENES = {
 ANALYSIS = (
     ("mechanism.closed_chains", "_chains"),
     ("mechanism.assembling", "assemble"),
-    ("mechanism.closing", "Closer.close"),
+    ("mechanism.closing", "LoopCloser.close"),
     ("dynamics.nominal", "nominal_states"),
     ("dynamics.nominal", "redundant_rows"),
     ("dynamics.solvers.reference", "Reference.solve"),

@@ -39,9 +39,9 @@ def hot(scene: Exported, ours: cp.Scene, solver: cp.dynamics.Solver) -> Candidat
     return Candidate(ACCELERATION, f"{solver.title}, acceleration", call, call)
 
 
-def proved(scene: Exported, ours: cp.Scene, native: bool = False) -> Candidate:
+def proved(scene: Exported, ours: cp.Scene, engine: str = "python") -> Candidate:
     """Return `Workspace.solve`: a, lam, and their errors recomputed; by Python or by the core."""
-    workspace = cp.Workspace(ours, cp.Proximal(), native=native)
+    workspace = cp.Workspace(ours, cp.Proximal(), engine=engine)
 
     def call(i: int) -> np.ndarray:
         return workspace.solve(*scene.state(i)).a
@@ -50,9 +50,9 @@ def proved(scene: Exported, ours: cp.Scene, native: bool = False) -> Candidate:
     return Candidate(ACCELERATION, "Proximal, solve with proof", call, call, note)
 
 
-def derivatives(scene: Exported, ours: cp.Scene, native: bool = False) -> Candidate:
+def derivatives(scene: Exported, ours: cp.Scene, engine: str = "python") -> Candidate:
     """Return the solve and the derivatives of a and of lam; by Python or by the core."""
-    workspace = cp.Workspace(ours, cp.Proximal(), native=native)
+    workspace = cp.Workspace(ours, cp.Proximal(), engine=engine)
 
     def call(i: int) -> tuple[np.ndarray, ...]:
         d = workspace.derivatives(*scene.state(i))

@@ -18,8 +18,8 @@ def candidates(scene: Exported) -> list[Candidate]:
     ours = export.scenes()[scene.name]
     euler, rk4 = cp.SemiImplicitEuler(), cp.RungeKutta4()
     return [
-        proved(scene, ours, native=True),
-        derivatives(scene, ours, native=True),
+        proved(scene, ours, engine="core"),
+        derivatives(scene, ours, engine="core"),
         motion(scene, ours, euler, "semi-implicit Euler"),
         motion(scene, ours, rk4, "RK4"),
     ]

@@ -7,16 +7,20 @@ Pinocchio and does not touch the one that is installed.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
 from functools import cache
 from importlib import import_module
-from typing import Any, Final, Literal, TypeAlias
+from typing import Any, Final, Literal, TypeAlias, get_args
 
 from condyn_pin.errors import InvalidArgument, MissingExtra, UnsupportedBackend
 
-# Whether the core is to do something. Where it cannot, or is not installed, True is an error and
-# "where possible" is Python.
-Native: TypeAlias = bool | Literal["where possible"]
+# Who answers: "auto" is the compiled core where it is installed and has what is needed, and Python
+# where not; "core" is an error there.
+Engine: TypeAlias = Literal["auto", "core", "python"]
+
+# With the value "python", "auto" is Python: to compare both.
+VARIABLE: Final = "CONDYN_ENGINE"
 
 # Of the arrays that are handed over; a module of another one was built from another version.
 PROTOCOL: Final = 12
@@ -40,18 +44,33 @@ def compiled_tick() -> Any:
     return _module("_tick", TICK_PROTOCOL, "the compiled core has no control ticks")
 
 
-def check_native(native: Native) -> None:
-    """Raise InvalidArgument unless native is False, True or "where possible"."""
-    if native not in (False, True, "where possible"):
-        raise InvalidArgument(f"native = {native!r}: False, True or 'where possible' is needed")
+def is_compiled(engine: Engine) -> bool:
+    """True if an engine, checked here, is the compiled core."""
+    if engine not in get_args(Engine):
+        raise InvalidArgument(f"engine = {engine!r}: 'auto', 'core' or 'python' is needed")
+    if engine != "auto":
+        return engine == "core"
+    named = os.environ.get(VARIABLE, "auto")
+    if named not in ("auto", "python"):
+        raise InvalidArgument(f"{VARIABLE} = {named!r}: 'auto' or 'python' is needed")
+    return named == "auto" and has_core()
 
 
-def refuse(reasons: Iterable[str], where_possible: str = "Native(where_possible=True)") -> None:
+@cache
+def has_core() -> bool:
+    """True if a compiled core of this version is installed."""
+    try:
+        compiled()
+    except MissingExtra:
+        return False
+    return True
+
+
+def refuse(reasons: Iterable[str], by_python: str = "Native(where_possible=True)") -> None:
     """Raise `UnsupportedBackend` for the first reason; the argument named leaves it to Python."""
     for reason in reasons:
         raise UnsupportedBackend(
-            f"the compiled core does not take this: {reason}; leave it to Python, "
-            f"{where_possible} does where it must"
+            f"the compiled core does not take this: {reason}; {by_python} leaves it to Python"
         )
 
 
@@ -74,7 +93,8 @@ def core_features() -> dict[str, str]:
         module = compiled()
         flags = f"for {module.arch}" if module.arch else "by default flags"
         built = f"from headers of Pinocchio {module.pinocchio}, {flags} ({module.simd})"
-        found["compiled core"] = f"yes, {built}"
+        used = "used by default" if is_compiled("auto") else f"not used: {VARIABLE}=python"
+        found["compiled core"] = f"yes, {used}, {built}"
     except MissingExtra as error:
         found["compiled core"] = f"no: {error}"
     try:

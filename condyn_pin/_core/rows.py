@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arguments import check_called, check_count, check_type
 from condyn_pin._core.arrays import read_only
-from condyn_pin._core.compiled import compiled, refuse
+from condyn_pin._core.compiled import compiled, is_compiled, refuse
 from condyn_pin._core.show import Outcome, facts, notes, page
 from condyn_pin._core.work import (
     CAN_SHARE,
@@ -120,10 +120,13 @@ def run(
     # The first of the `inputs` has a row per state. `kinds` are shape and type of a row of each
     # output. One is ``statuses``: MISSING where nobody has worked on a row, and its floats are NaN.
     # ``words`` is what the verb has said of each. `executor`, `chunk` and `progress` are as the
-    # user gave them: this process by default, and a sixteenth of what is left, up to ``verb.most``
-    # rows. UnsupportedBackend or MissingExtra where the core cannot do the work; WorkersLost or
-    # Interrupted with the batch of what was worked on, as `done` and `table`.
+    # user gave them: this process by default, where the core does what it can on one thread, and a
+    # sixteenth of what is left, up to ``verb.most`` rows. UnsupportedBackend or MissingExtra where
+    # a core that was named cannot do the work; WorkersLost or Interrupted with the batch of what
+    # was worked on, as `done` and `table`.
     kernel: Kernel = verb
+    if executor is None and is_compiled("auto"):
+        executor = Native(threads=1, where_possible=True)
     if isinstance(executor, Native):
         kernel, executor, chunk = _by_core(executor, verb, chunk, recipe)
     if progress is not silent:

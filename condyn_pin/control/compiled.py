@@ -189,7 +189,7 @@ class CompiledTick:
         self, program: Program, scene: Scene, cones: Cones, actuation: Actuation,
         regularisation: float,
     ) -> None:  # fmt: skip
-        refuse(why_not(program), "native='where possible'")
+        refuse(why_not(program), "engine='auto'")
         self._core = compiled_tick().Tick(**of_program(program, regularisation))
         self._program, self._scene = program, scene
         self._cones, self._actuation = cones, actuation

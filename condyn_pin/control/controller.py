@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import Arguments, check_called, check_type, checked_names
 from condyn_pin._core.arrays import Array, check_overflow, finite
-from condyn_pin._core.compiled import Native
+from condyn_pin._core.compiled import Engine, is_compiled
 from condyn_pin._core.threads import OneThread, one_blas_thread, single_threaded
 from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.drift import Baumgarte, stabilisation
@@ -71,12 +71,12 @@ class Controller(OneThread):
         accelerate, whatever torque that takes, and their oscillation is removed from v, as if they
         were locked at that instant, which keeps the momentum. Tasks that tried to damp it would
         excite it.
-    native : bool or "where possible"
-        Whether ticks are done by the compiled core: terms, program, answer and proof. The answers
-        are the same, in less time. True refuses tasks, constraints and limits that the core does
-        not have, and the levels of a `Hierarchy`; "where possible" has Python do these, and
-        everything where no core is installed. Python also does any tick whose rows contradict each
-        other.
+    engine : {"auto", "core", "python"}
+        Who does a tick, terms, program, answer and proof: the compiled core or Python. The answers
+        are the same, those of the core in less time. "auto" has Python do tasks, constraints and
+        limits that the core does not have, the levels of a `Hierarchy`, and everything where no
+        core is installed; "core" refuses these. Python also does any tick whose rows contradict
+        each other.
 
     Raises
     ------
@@ -87,10 +87,9 @@ class Controller(OneThread):
     UnknownName
         If a name does not exist.
     UnsupportedBackend
-        If the core does not take something of a controller that is to be `native`: tasks or
-        constraints that it has no rows for.
+        If the engine is "core", which has no rows for some tasks or constraints.
     MissingExtra
-        If the package of the solver is not installed, or the core where `native` is True.
+        If the package of the solver is not installed, or the core where the engine is "core".
 
     Notes
     -----
@@ -117,7 +116,7 @@ class Controller(OneThread):
         drift: Baumgarte | None = None,
         regularisation: float = 1e-5,
         rigid: Sequence[str] = (),
-        native: Native = False,
+        engine: Engine = "auto",
     ) -> None:
         check_scene(scene)
         if cones is None:
@@ -135,7 +134,7 @@ class Controller(OneThread):
             drift=drift,
             regularisation=regularisation,
             rigid=stiff,
-            native=native,
+            engine=engine,
         )
         self._siblings: dict[tuple[Scene, object], Controller] = {}
         self._set_up(scene, tasks, cones)
@@ -166,7 +165,7 @@ class Controller(OneThread):
         self._python = PythonTick(
             self._program, scene, cones, self.actuation, cascade, self._arguments
         )
-        self._tick = self._compiled(cones) if settings.native else None
+        self._tick = self._compiled(cones) if is_compiled(settings.engine) else None
 
     def _compiled(self, cones: Cones) -> CompiledTick | None:
         """Return the tick in compiled code, or None where Python does it in its place."""
@@ -178,7 +177,7 @@ class Controller(OneThread):
                 self._program, self.scene, cones, self.actuation, self._settings.regularisation
             )
         except (UnsupportedBackend, MissingExtra):
-            if self._settings.native is True:
+            if self._settings.engine == "core":
                 raise
             return None
 
@@ -307,7 +306,8 @@ class Controller(OneThread):
         named = repr(self.tasks)
         if not isinstance(self.tasks, Hierarchy):
             named = f"[{', '.join(task.name for task in self.tasks)}]"
-        return f"Controller({self.scene.robot.name}, {list(self.scene.names)}: {named})"
+        by = ", compiled core" if self._tick else ""
+        return f"Controller({self.scene.robot.name}, {list(self.scene.names)}: {named}{by})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_accuracy, check_type, step_size
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.compiled import Native, check_native
+from condyn_pin._core.compiled import Engine, is_compiled
 from condyn_pin._core.linalg import factorise_mass, least_change
 from condyn_pin._core.models import UNLIMITED
 from condyn_pin.constraints.drift import Baumgarte
@@ -300,7 +300,7 @@ class ControllerSettings:
     drift: Baumgarte | None
     regularisation: float
     rigid: tuple[str, ...]
-    native: Native
+    engine: Engine
 
     def __post_init__(self) -> None:
         check_accuracy("regularisation", self.regularisation)
@@ -313,7 +313,7 @@ class ControllerSettings:
         check_type(
             "drift", self.drift, Baumgarte | None, "Baumgarte(alpha, beta) or None is needed"
         )
-        check_native(self.native)
+        is_compiled(self.engine)  # raises unless it is one
 
 
 # Swing: of springs that a controller takes for rigid, and does not answer.

@@ -175,7 +175,7 @@ def derivatives(
 def workspace_for(scene: Scene, solver: Solver | None, drift: Baumgarte | None) -> Workspace:
     """Return this thread's workspace for a scene: one of the last ones, or a new one."""
     workspace = _workspaces.of(  # a new one checks the scene
-        scene, (solver, drift), lambda: Workspace(scene, solver, drift=drift)
+        scene, (solver, drift), lambda: Workspace(scene, solver, drift=drift, engine="auto")
     )
     workspace.check_unedited()
     return workspace

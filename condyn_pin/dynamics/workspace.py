@@ -29,6 +29,7 @@ from condyn_pin._core.arguments import (
     unpack_quaternion,
 )
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.compiled import Engine, is_compiled
 from condyn_pin._core.models import Forest, is_forest, whole_data
 from condyn_pin._core.threads import OneThread, in_use, single_threaded
 from condyn_pin.constraints.drift import Baumgarte, stabilisation
@@ -56,7 +57,6 @@ from condyn_pin.errors import (
 )
 
 if TYPE_CHECKING:
-    from condyn_pin._core.compiled import Native
     from condyn_pin.dynamics.compiled import CompiledCore
     from condyn_pin.dynamics.derivatives.kkt import Linearisation
     from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
@@ -160,10 +160,11 @@ class Workspace(OneThread):
         By default `Proximal()` where it takes all constraints, else as in `solve`.
     drift : Baumgarte, optional
         Baumgarte stabilisation: it gives a_ref, which is zero by default.
-    native : bool or "where possible"
-        Whether `solve` and `derivatives` are those of the compiled core (`Native`): the same
-        answers in less time. True refuses a scene or solver that the core does not take;
-        "where possible" has Python answer these, and everything where no core is installed.
+    engine : {"python", "auto", "core"}
+        Who answers `solve` and `derivatives`: Python, in the memory of Pinocchio that the
+        workspace shows, or the compiled core, with the same answers in less time. "auto" has
+        Python answer what the core does not take, and everything where no core is installed;
+        "core" refuses a scene or solver that the core does not take.
 
     Attributes
     ----------
@@ -184,9 +185,9 @@ class Workspace(OneThread):
         If contacts of the scene may open, constraints are driven and the scene does not say at
         which time it is, or the solver does not take a kind.
     UnsupportedBackend
-        If it is to be `native`, and the core does not take the scene or the solver.
+        If the engine is "core", which does not take the scene or the solver.
     MissingExtra
-        If `native` is True and the core is not installed.
+        If the engine is "core", and it is not installed.
     StaleModel
         If the robot's model was edited since it was loaded.
 
@@ -205,13 +206,10 @@ class Workspace(OneThread):
 
     def __init__(
         self, scene: Scene, solver: Solver | None = None, *, drift: Baumgarte | None = None,
-        native: Native = False,
+        engine: Engine = "python",
     ) -> None:  # fmt: skip
         check_scene(scene)
-        if native is not False:  # imported here: most do without
-            from condyn_pin._core.compiled import check_native
-
-            check_native(native)
+        self.engine, self._by_core = engine, is_compiled(engine)
         if not isinstance(solver, Solver | None):
             raise InvalidArgument(
                 f"solver = {solver!r}: a solver object is needed, such as Proximal() or LCABA()"
@@ -219,7 +217,6 @@ class Workspace(OneThread):
         check_type("drift", drift, Baumgarte | None, "Baumgarte(alpha, beta) or None is needed")
         check_bilateral(scene)
         check_time(scene)
-        self.native = native
         scene.robot.check_unedited()
         self.model, self.drift = pin.Model(scene.robot.model), drift
         self._drift = drift  # of constraints that have none of their own
@@ -269,7 +266,7 @@ class Workspace(OneThread):
         elif scene.nominal.idle.any():
             self.bound = without_idle_rows(self.bound, scene.nominal.idle)
         self._verifier = Verifier(self, self._exact)
-        self.core = self._compiled_or_none() if self.native else None
+        self.core = self._compiled_or_none() if self._by_core else None
 
     def _analysed(self, scene: Scene) -> Equations | None:
         """Analyse a scene, unless it was; return the equations made for that, to be used again."""
@@ -303,14 +300,15 @@ class Workspace(OneThread):
         try:
             return self.compiled
         except (UnsupportedBackend, MissingExtra):
-            if self.native is True:
+            if self.engine == "core":
                 raise
             return None
 
     def __repr__(self) -> str:
         settings = self.proximal_settings
         found = f", mu {settings.mu:.3g} 1/kg" if settings else ""
-        return f"Workspace({self.scene.robot.name}, {self.scene.rows} rows: {self.solver!r}{found})"
+        said = f"{self.solver!r}{found}{', compiled core' if self.core else ''}"
+        return f"Workspace({self.scene.robot.name}, {self.scene.rows} rows: {said})"
 
     @cached_property
     def compiled(self) -> CompiledCore:
@@ -454,7 +452,7 @@ class Workspace(OneThread):
                 found = self.core.one(q, v, tau, accuracy)
                 if found:
                     return found
-            elif self.native is True:
+            elif self.engine == "core":
                 self.core.check(forces)
         return self._by_python((q, v, tau), forces, accuracy, throw)
 
@@ -626,7 +624,7 @@ class Workspace(OneThread):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own: Pinocchio 4 crashes on a copied Data
-        made = partial(Workspace, drift=self._drift, native=self.native)
+        made = partial(Workspace, drift=self._drift, engine=self.engine)
         return made, (self.scene, self.solver)
 
 

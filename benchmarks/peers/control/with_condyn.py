@@ -25,7 +25,7 @@ def talos(effort: np.ndarray | None = None) -> cp.Scene:
     return cp.Scene(robot, robot.contacts)
 
 
-def controller_of(scene: cp.Scene, question: Question, native: bool) -> Controller:
+def controller_of(scene: cp.Scene, question: Question, engine: str) -> Controller:
     """Return the controller of a question; its friction cones are the pyramids of the others."""
     wish = question.wish
     tasks = [
@@ -34,7 +34,7 @@ def controller_of(scene: cp.Scene, question: Question, native: bool) -> Controll
         Posture(kp=wish.posture_kp, weight=wish.posture_weight),
     ]
     cones = WrenchCone(wish.friction, pyramid="outer")
-    return Controller(scene, tasks, cones=cones, native=native)
+    return Controller(scene, tasks, cones=cones, engine=engine)
 
 
 def question_of(urdf: str, count: int) -> Question:
@@ -78,10 +78,10 @@ def active(first: Question) -> list[Question]:
     ]
 
 
-def contender(question: Question, native: bool = False) -> Contender:
+def contender(question: Question, engine: str = "python") -> Contender:
     """Return ours at work, in Python or in the compiled core; the proof is part of the tick."""
     scene = talos(question.effort)
-    controller = controller_of(scene, question, native)
+    controller = controller_of(scene, question, engine)
 
     def tick(i: int) -> float:
         out = controller.solve(question.q[i], question.v[i])

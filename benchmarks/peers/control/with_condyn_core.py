@@ -1,4 +1,4 @@
-"""condyn_pin with ``native=True``: the same tick in the compiled core, its proof included."""
+"""condyn_pin with ``engine="core"``: the same tick in the compiled core, its proof included."""
 
 from __future__ import annotations
 
@@ -9,4 +9,4 @@ from peers.control.harness import main
 from peers.control.with_condyn import contender
 
 if __name__ == "__main__":
-    main("condyn_pin's core", cp.__version__, partial(contender, native=True))
+    main("condyn_pin's core", cp.__version__, partial(contender, engine="core"))

@@ -49,7 +49,7 @@ def differentiate(
     """Return the derivatives of a and lam by q, v and tau, with the arguments of `derivatives`."""
     if not isinstance(method, str) or method not in METHODS:
         raise unknown_name("method", str(method), METHODS)
-    if workspace.core and workspace.native is True:
+    if workspace.core and workspace.engine == "core":
         workspace.core.check(forces, method)
     if check:
         found = workspace.derivatives(q, v, tau, forces=forces, method=method, accuracy=accuracy)
