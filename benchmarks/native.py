@@ -136,7 +136,7 @@ class Steps:
 
 def bare_calls(scene: cp.Scene, states: tuple[np.ndarray, ...], *, slopes: bool) -> None:
     """Call what Pinocchio has for the states, one after the other."""
-    workspace = cp.dynamics.verbs.workspace_for(scene, None, None)
+    workspace = cp.dynamics.workspace.workspace_for(scene, None, None)
     workspace.acceleration(*(x[0] for x in states))
     model, data, settings = workspace.model, workspace.data, workspace.proximal_settings
     models, datas = workspace.constraint_models, workspace.constraint_datas
@@ -542,7 +542,7 @@ def error(found: BatchStepDerivatives, wanted: BatchStepDerivatives) -> float:
 
 def left_to_python(at: States) -> int:
     """Return how many steps the core leaves."""
-    from condyn_pin.dynamics.verbs import workspace_for
+    from condyn_pin.dynamics.workspace import workspace_for
     from condyn_pin.gradients.routes.active_set import ActiveSet
     from condyn_pin.gradients.routes.batch import DifferentiatedRows, output_kinds
     from condyn_pin.stepping.batch import SteppedRows

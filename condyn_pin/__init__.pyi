@@ -33,9 +33,9 @@ from .dynamics.solution import Status as Status
 from .dynamics.solvers.dense_kkt import DenseKKT as DenseKKT
 from .dynamics.solvers.lcaba import LCABA as LCABA
 from .dynamics.solvers.proximal import Proximal as Proximal
-from .dynamics.verbs import derivatives as derivatives
-from .dynamics.verbs import solve as solve
 from .dynamics.workspace import Workspace as Workspace
+from .dynamics.workspace import derivatives as derivatives
+from .dynamics.workspace import solve as solve
 from .errors import CondynError as CondynError
 from .errors import InvalidArgument as InvalidArgument
 from .errors import SolveFailed as SolveFailed

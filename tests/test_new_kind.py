@@ -261,8 +261,8 @@ def test_nothing_outside_of_the_room_asks_for_the_kind():
 
 def questions(tree):
     """Lines that ask what kind a constraint is: its class, its `kind`, a match of its class."""
-    classes = {*KINDS, "BoundBetweenFrames", "BoundCoupling", "BoundRolling", "BoundRelation", "FrameRelation",
-               "BetweenFrames",
+    classes = {*KINDS, "BoundBetweenFrames", "BoundCoupling", "BoundRolling", "BoundRelation",
+               "FrameRelation", "BetweenFrames",
                "WithWorld", "Nonholonomic", "OnPlane", "Contact"}  # fmt: skip
     of_loops = {"ball", "weld", "hinge", "slider", "planar", "rod", "coupling"}
     for node in ast.walk(tree):

@@ -31,5 +31,5 @@ from .solvers.soft import Soft as Soft
 from .solvers.solver import BoundSolver as BoundSolver
 from .solvers.solver import Singular as Singular
 from .solvers.sparse_kkt import SparseKKT as SparseKKT
-from .verbs import solve as solve
 from .workspace import Workspace as Workspace
+from .workspace import solve as solve

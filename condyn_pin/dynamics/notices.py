@@ -12,7 +12,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import largest_violation
 from condyn_pin.dynamics.at_state import by_digits, equations_of, gaps, left_out_at
 from condyn_pin.dynamics.solution import Sites, Solution, Status, pulling
-from condyn_pin.dynamics.verbs import solve
+from condyn_pin.dynamics.workspace import solve
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.model.soundness import massless_motion
 

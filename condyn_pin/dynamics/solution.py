@@ -302,7 +302,7 @@ class Solution:
         InvalidArgument
             If the state is not finite.
         """
-        from condyn_pin.dynamics.verbs import solve
+        from condyn_pin.dynamics.workspace import solve
 
         error = self.state_error
         q, v, tau, forces, drift = self.question

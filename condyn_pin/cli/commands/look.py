@@ -215,7 +215,7 @@ def _standing(
     from condyn_pin.cli.words import robot_of, scene_of
     from condyn_pin.control.actuation import Actuation
     from condyn_pin.control.inverse import gravity_compensation
-    from condyn_pin.dynamics.verbs import solve
+    from condyn_pin.dynamics.workspace import solve
 
     if contacts is None:
         contacts = ",".join(c.name for c in robot_of(source).contacts) if forces else ""

@@ -59,8 +59,8 @@ def solve(
 ) -> None:
     """Solve for accelerations and forces at rest; exits with 1 if the status is not ok."""
     from condyn_pin.cli.words import forces_of, scene_of, solver_of, state_of, torque_of
-    from condyn_pin.dynamics.verbs import solve as solve_scene
     from condyn_pin.dynamics.workspace import default_solver
+    from condyn_pin.dynamics.workspace import solve as solve_scene
 
     scene = scene_of(source, contacts, loops)
     torques, forces = torque_of(scene, tau), forces_of(scene, force)

@@ -456,3 +456,9 @@ def turning_null_space(linearisation: Linearisation, q: Array, w: Array, N: Arra
     """Return N N^T (dJ w) (m, nv): what keeps lam = J w the smallest as the rows turn."""
     # On the constraints, where N (m, k) is an orthonormal basis of the left null space of J.
     return np.asarray(N @ (N.T @ linearisation.turning(q, w)))
+
+
+def kkt_derivatives(workspace: Workspace, solution: Solution, v: Array, tau: Array) -> Derivatives:
+    """Derivatives of the solver's own equations, or else of the KKT system."""
+    found = workspace.solver.differentiated(workspace, solution, v, tau)
+    return found or KktDerivatives(workspace, solution, v, tau)

@@ -21,8 +21,7 @@ from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.solver import Solver
-from condyn_pin.dynamics.verbs import workspace_for
-from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace, workspace_for
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 
