@@ -622,7 +622,7 @@ SUBJECTS = [
         "a million states on a Dask cluster",
         cluster,
         cluster_table,
-        pages=lambda saved: {script.SCALE_PAGE: {"million": cluster_table(saved)}},
+        pages=lambda saved: {script.RESULTS_PAGE: {"million": cluster_table(saved)}},
         quick="20 000 states; nothing is written",
     ),
 ]

@@ -155,8 +155,7 @@ def pages(table: BenchTable) -> script.Pages:
     """Return the blocks of README and docs."""
     return {
         script.README: {"bench": essence(table)},
-        script.RESULTS_PAGE: {"bench": markdown(table)},
-        script.SOLVERS_PAGE: {"compiled": in_cpp(table)},
+        script.RESULTS_PAGE: {"bench": markdown(table), "compiled": in_cpp(table)},
     }
 
 

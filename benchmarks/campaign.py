@@ -562,7 +562,7 @@ SUBJECTS = [
         "ConstrainedABA and PV on trees that are held at the world",
         all_held,
         held_table,
-        pages=lambda saved: {script.SOLVERS_PAGE: {"campaign_held": held_table(saved)}},
+        pages=lambda saved: {script.RESULTS_PAGE: {"campaign_held": held_table(saved)}},
         options=_held_options,
         wrong=lambda saved: any(
             row.get("wrong", 0) for here in saved.values() for row in here["solvers"].values()

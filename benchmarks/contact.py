@@ -54,8 +54,6 @@ from condyn_pin.gradients import (
 from condyn_pin.stepping import Anitescu, SoftStep
 from condyn_pin.study import GradientMeasure, SampledStates, Study, TimingEffort
 
-GRADIENTS_PAGE = "docs/gradients-through-contact.md"
-MODELS_PAGE = "docs/contact-models.md"
 GRAVITY = 9.81  # [m/s^2]
 
 
@@ -595,7 +593,7 @@ SUBJECTS = [
         gradients,
         lambda saved: f"{slope_table(saved)}\n\n{study_table(saved['study'])}",
         pages=lambda saved: {
-            GRADIENTS_PAGE: {
+            script.RESULTS_PAGE: {
                 "contact_gradients": slope_table(saved),
                 "route_study": study_table(saved["study"]),
             }
@@ -607,7 +605,7 @@ SUBJECTS = [
         "convex models of contact beside Coulomb's law",
         models,
         model_table,
-        pages=lambda saved: {MODELS_PAGE: {"contact_models": model_table(saved)}},
+        pages=lambda saved: {script.RESULTS_PAGE: {"contact_models": model_table(saved)}},
     ),
 ]
 

@@ -670,7 +670,7 @@ SUBJECTS = [
         core,
         lambda saved: f"{verbs_table(saved)}\n\n{motions_table(saved)}",
         pages=lambda saved: {
-            script.SCALE_PAGE: {
+            script.RESULTS_PAGE: {
                 "core-verbs": verbs_table(saved),
                 "core-motions": motions_table(saved),
             }
@@ -683,7 +683,7 @@ SUBJECTS = [
         "steps with contacts",
         contact,
         contact_table,
-        pages=lambda saved: {script.SCALE_PAGE: {"core-contact": contact_table(saved)}},
+        pages=lambda saved: {script.RESULTS_PAGE: {"core-contact": contact_table(saved)}},
         quick="few rounds; nothing is written",
     ),
     Table(
@@ -691,7 +691,7 @@ SUBJECTS = [
         "derivatives of steps",
         gradients,
         gradients_table,
-        pages=lambda saved: {script.SCALE_PAGE: {"core-gradients": gradients_table(saved)}},
+        pages=lambda saved: {script.RESULTS_PAGE: {"core-gradients": gradients_table(saved)}},
         quick="few rounds; nothing is written",
     ),
 ]

@@ -39,7 +39,6 @@ import condyn_pin as cp
 Array = np.ndarray
 State = tuple[Array, Array, Array]  # q, v, tau
 
-PAGE = "docs/how-to-states-from-sensors-and-files.md"
 NOISES = tuple(10.0**k for k in range(-12, -1))
 DIFFERENT = (1e-8, 1e-4)  # noises at which derivatives and solvers are measured
 ROUNDING = 1e-10  # of singular values of J on the constraints, relative
@@ -428,7 +427,7 @@ SUBJECTS = [
         "states that leave loops open, against the closed machine",
         errors,
         lambda saved: f"{table(saved)}\n{solver_table(saved)}",
-        pages=lambda saved: {PAGE: {"noise": table(saved)}},
+        pages=lambda saved: {script.RESULTS_PAGE: {"noise": table(saved)}},
         beside=lambda saved: draw(saved, script.result("noise errors", ".png")),
         quick="five and three states; nothing is written",
     ),

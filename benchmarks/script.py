@@ -32,9 +32,7 @@ ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
 README = "README.md"
 RESULTS_PAGE = "docs/results.md"
-SOLVERS_PAGE = "docs/how-to-choose-a-solver.md"
 SIMULATORS_PAGE = "docs/simulators.md"
-SCALE_PAGE = "docs/how-to-run-at-scale.md"
 
 # What is said of a machine: of one thread, of several, on a page that is short.
 EVERYTHING = (

@@ -637,7 +637,7 @@ SUBJECTS = [
         "Proximal's own mu against every mu by hand",
         auto_mu,
         weights_text,
-        pages=lambda saved: {script.SOLVERS_PAGE: {"auto_mu": weights_sentence(saved)}},
+        pages=lambda saved: {script.RESULTS_PAGE: {"auto_mu": weights_sentence(saved)}},
         beside=lambda saved: script.write(
             script.result("solvers auto_mu", ".md"), weights_text(saved)
         ),

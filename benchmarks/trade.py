@@ -261,9 +261,9 @@ def rewrite() -> None:
 
 
 def pages(table: cp.study.Table, found: Sequence[Verdict]) -> script.Pages:
-    """Return the blocks of the page on solvers."""
+    """Return the blocks of the page of results."""
     return {
-        script.SOLVERS_PAGE: {
+        script.RESULTS_PAGE: {
             "choices": f"{choices(found)}\n\n{where(table)}",
             "wins": wins(found),
             "methods": methods(table),

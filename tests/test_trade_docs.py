@@ -16,6 +16,7 @@ import condyn_pin as cp
 pytestmark = pytest.mark.once
 
 ROOT = Path(__file__).parent.parent
+PAGE = "docs/how-to-choose-a-solver.md"
 sys.path.insert(0, str(ROOT / "benchmarks"))
 
 script, trade = map(import_module, ("script", "trade"))
@@ -81,10 +82,10 @@ def test_code_of_the_page_runs(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     fewer = (cp.dynamics.NullSpace(), cp.Proximal())  # to choose from: the page takes all
     monkeypatch.setattr("condyn_pin.study.study.default_sweep", lambda *_: fewer)
-    page = (ROOT / script.SOLVERS_PAGE).read_text(encoding="utf-8")
+    page = (ROOT / PAGE).read_text(encoding="utf-8")
     session: dict[str, object] = {}
     for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL):
-        exec(compile(block, script.SOLVERS_PAGE, "exec"), session)
+        exec(compile(block, PAGE, "exec"), session)
     assert session["solver"] in fewer
     assert session["solution"].status.ok
     assert math.isfinite(session["solution"].a.max())
