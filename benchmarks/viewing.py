@@ -140,6 +140,7 @@ class Play:
 
 _COUNT = """<script>
 window.addEventListener("load", () => setTimeout(() => {
+  viewer.animator.play();  // a page opens still
   let seen = new Set(), first = null, gone = 0, last = 0, calls = 0, triangles = 0;
   function say(what) { return fetch("/", {method: "POST", body: JSON.stringify(what)}); }
   function look(now) {

@@ -312,6 +312,7 @@ def test_a_browser_plays_by_itself(monkeypatch):
 _SLOW = """
 let seen = [];
 viewer.animator.reset();
+viewer.animator.play();
 viewer.animator.clock.getDelta = () => 0.2;  // [s] that a picture takes
 for (let picture = 0; picture < 3; ++picture) {
   viewer.animator.update();
@@ -438,7 +439,7 @@ def test_a_bar_plays_seeks_and_sets_the_speed(tmp_path):
     slow = drawing(swinging(), speed=0.1)
     found = asked(tmp_path, slow.html(), script)
     assert found["shown"] == "flex"
-    assert found["playing"] == [True, False]
+    assert found["playing"] == [False, True]
     assert found["time"] == pytest.approx(0.25)
     assert found["clock"] == "0.025 s"  # of the motion, which is played at a tenth of its speed
     assert found["button"] == "\N{BLACK RIGHT-POINTING TRIANGLE}"

@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from typing import Any, Final
 
 import numpy as np
@@ -105,7 +106,8 @@ def skeleton(robot: Robot, size: float, only: Collection[int] | None = None) -> 
     for i in range(model.njoints) if only is None else sorted(only):
         points = _points(robot, i)
         start = points[0] if i == 0 and points else np.zeros(3)
-        rods = [_rod(start, p, 0.006 * size) for p in points if np.linalg.norm(p - start) > 0.0]
+        ends = _outline(points) if i == 0 else [(start, p) for p in points]
+        rods = [_rod(a, b, 0.006 * size) for a, b in ends if np.linalg.norm(b - a) > 0.0]
         drawn: list[tuple[meshes.Mesh, Colour]] = [(rod, BODY) for rod in rods]
         if i and model.inertias[i].mass > 0.0:
             inertia = _ellipsoid(model.inertias[i], 0.012 * size)
@@ -130,6 +132,16 @@ def _points(robot: Robot, i: int) -> list[Array]:
     if i and not any(np.linalg.norm(p) > 0.0 for p in found):
         found.append(model.inertias[i].lever)
     return [np.array(p) for p in found]
+
+
+def _outline(points: list[Array]) -> list[tuple[Array, Array]]:
+    """Edges of the polygon around the points of a base, in the plane that fits them best."""
+    if len(points) < 3:
+        return list(pairwise(points))
+    x = np.array(points) - np.mean(points, axis=0)
+    across = np.linalg.svd(x)[2]
+    order = np.argsort(np.arctan2(x @ across[1], x @ across[0]))
+    return [(points[i], points[j]) for i, j in zip(order, np.roll(order, -1), strict=True)]
 
 
 def _rod(start: Array, end: Array, radius: float) -> meshes.Mesh:
@@ -245,4 +257,4 @@ def _ground_parts(scene: Scene, instants: Sequence[Instant], size: float) -> Ite
         square = meshes.Mesh(corners, np.array([(0, 1, 3), (0, 3, 2)], dtype=np.uint32))
         square = square.moved(plane.homogeneous)
         path = f"grounds/of {touches[0].name}"
-        yield Part(path, joint_pose(ground), ((square, GROUND),), opacity=_SURFACE_OPACITY)
+        yield Part(path, joint_pose(ground), ((square, GROUND),), sheet=True)

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_flag, normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.rows.bound import ConstraintViolation
@@ -29,25 +30,26 @@ from condyn_pin.viewing import part as three
 from condyn_pin.viewing.bodies import body_parts, lighter, touch_parts, with_coarse
 from condyn_pin.viewing.instant import Instant, PlottedForce, extent, instant, plane_normal, touched
 from condyn_pin.viewing.marks import (
-    Camera,
     LargestForce,
     arrow_parts,
     balance_notes,
     balance_parts,
     closure_parts,
     contact_parts,
-    floor_part,
+    floor_parts,
     joint_parts,
     legend_of,
     mass_parts,
     spacing,
-    spread_labels,
     spring_parts,
+    sunk,
 )
 from condyn_pin.viewing.motion import (
-    FROM,
+    ASPECT,
+    FIELD,
+    Camera,
     drawn_samples,
-    eye_at,
+    framed,
     gaps_of,
     instants_of,
     peaks_of,
@@ -69,10 +71,10 @@ class Drawing:
     fps: float  # pictures a second, as they are played [1/s]
     middle: Array  # (3,) of what is seen [m]
     size: float  # [m]
+    eye: Camera  # where it is seen from at first
     notes: tuple[str, ...] = ()  # parts of the subject that cannot be drawn, a sentence each
     # (k,) time of each instant, in pictures since the start
     frames: Array = field(default_factory=lambda: np.zeros(1))
-    toward: Array = field(default_factory=lambda: FROM)  # (3,) from the middle to the camera
     speed: float = 1.0  # seconds of a motion that are played in one second
 
     def commands(self) -> Iterator[three.Command]:
@@ -84,11 +86,6 @@ class Drawing:
             yield three.animation(tracks(self.parts, self.instants, self.frames), self.fps)
 
     @property
-    def eye(self) -> Camera:
-        """Initial pose of the camera."""
-        return eye_at(self.middle, self.size, self.toward)
-
-    @property
     def first(self) -> Drawing:
         """The drawing of its first instant alone, without motion."""
         return replace(self, instants=self.instants[:1])
@@ -96,7 +93,8 @@ class Drawing:
     def html(self) -> str:
         """Return the page: one text that holds everything."""
         eye = self.eye
-        legend = legend_of(self.title, self.parts, spacing(self.size), self.notes)
+        squares = spacing(self.size)
+        legend = legend_of(self.title, self.parts, self.instants, squares, self.notes)
         return page(
             self.title, legend, self.commands(), camera=eye.at, target=eye.target, speed=self.speed
         )
@@ -129,7 +127,7 @@ def draw(
         bodies = lighter(bodies, size)
     bodies = tuple(with_coarse(bodies, size))
     worst = _largest_gaps((at.gaps for at in instants) if gaps is None else gaps)
-    parts = [floor_part(middle, size), *bodies]
+    parts = [*floor_parts(robot, middle, size), *bodies]
     parts += [*joint_parts(robot, size), *spring_parts(robot, size)]
     parts += _constraint_parts(scenes, instants, worst, peaks or {}, size, cones)
     parts += [*mass_parts(size), *balance_parts(instants, size)]
@@ -138,21 +136,23 @@ def draw(
         opened = list(closure_parts(scenes[0], before.gaps, size))
         parts += [part.ghost(before) for part in (*bodies, *opened)]
     unique = {part.path: part for part in parts}  # a contact of several phases is drawn once
+    named = {path.split("/on ")[0].partition("/")[2] for path in unique if path[:7] == "forces/"}
+    for name in named & {name for name, gap in worst.items() if gap.size <= tolerances.CLOSED}:
+        unique.pop(f"closures/{name}/label", None)  # the label of its force names it
+    placed = tuple(_without_nested_names(unique.values()))
+    warning = sunk(robot, placed, instants, size)
     toward = toward_of(plane_normal(robot, instants[0]))
-    placed = spread_labels(
-        tuple(_without_nested_names(unique.values())), instants[0], eye_at(middle, size, toward)
-    )
     when = np.arange(len(instants), dtype=float) if frames is None else frames
     return Drawing(
-        title=title,
-        parts=tuple(placed),
+        title=f"{title} ({warning})" if warning else title,
+        parts=placed,
         instants=tuple(instants),
         fps=fps,
         middle=middle,
         size=size,
+        eye=framed(placed, seen if before else instants, toward),
         notes=notes,
         frames=when,
-        toward=toward,
         speed=speed,
     )
 
@@ -383,11 +383,14 @@ _PAGE = """<!DOCTYPE html>
 <style>
 body {{ margin: 0; }}
 #meshcat-pane {{ width: 100vw; height: 100vh; overflow: hidden; }}
-#legend {{ position: absolute; left: 12px; top: 10px; font: 13px sans-serif; color: #222;
-  background: rgba(255, 255, 255, 0.75); padding: 6px 10px; border-radius: 4px; }}
-#legend b {{ display: inline-block; width: 11px; height: 11px; margin-right: 6px; }}
+#legend {{ position: absolute; left: 12px; top: 10px; font: 13px/1.45 sans-serif; color: #222;
+  background: rgba(255, 255, 255, 0.8); padding: 6px 10px; border-radius: 4px; max-width: 40vw; }}
+#legend strong {{ display: block; margin-bottom: 3px; }}
+#legend b {{ display: inline-block; width: 11px; height: 11px; margin-right: 6px;
+  box-shadow: 0 0 0 1px rgba(0, 0, 0, 0.15); }}
 #labels {{ position: absolute; left: 0; top: 0; width: 100vw; height: 100vh;
   pointer-events: none; }}
+.dg.main .close-button {{ background: transparent !important; color: #888 !important; }}
 #player {{ position: absolute; left: 12px; right: 12px; bottom: 10px; display: none; gap: 10px;
   align-items: center; font: 13px sans-serif; color: #222; background: rgba(255, 255, 255, 0.85);
   padding: 6px 10px; border-radius: 4px; }}
@@ -413,9 +416,11 @@ function draw(text) {{
 }}
 {commands}
 viewer.renderer.setClearColor("white", 1);  // cheaper than a background that is drawn
-viewer.camera.fov = 50;
-viewer.camera.position.set(...{position});
+viewer.camera.fov = {field};
 viewer.controls.target.set(...{target});
+viewer.camera.position.set(...{position}).sub(viewer.controls.target);
+viewer.camera.position.multiplyScalar(Math.max(1, {aspect} * innerHeight / innerWidth));
+viewer.camera.position.add(viewer.controls.target);
 viewer.controls.update();
 {scripts}
 </script>
@@ -481,16 +486,19 @@ def page(
         (f"<b style='background: {colour}'></b>" if colour else "") + html.escape(text)
         for colour, text in legend
     ]
+    lines[:1] = [f"<strong>{line}</strong>" for line in lines[:1]]
     script = (require_meshcat() / "viewer" / "dist" / "main.min.js").read_text(encoding="utf-8")
     return _PAGE.format(
         title=html.escape(title),
-        legend="<br>".join(lines),
+        legend="".join(lines[:1]) + "<br>".join(lines[1:]),
         script=script.replace("</script", "<\\/script"),  # no text of it ends the element
         lamp=_LAMP,
         viewer=_VIEWER,
         commands="\n".join(f'draw("{packed_command(command)}");' for command in commands),
         position=_y_up(camera),
         target=_y_up(target),
+        field=FIELD,
+        aspect=ASPECT,
         speed=speed,
         scripts="\n".join(path.read_text(encoding="utf-8") for path in _SCRIPTS),
     )

@@ -1,10 +1,11 @@
-// Words are drawn over the picture, as many pixels each as the screen has: they stay sharp while the
-// picture itself has fewer, in a motion. One that would cover another moves up or down to the nearest
-// place that is free, from picture to picture as little as it can, and a thin line leads back.
+// Words are drawn over the picture, of one height on the screen, and as sharp as that is: also while the
+// picture itself has fewer pixels, in a motion. A label stands beside its point, on the right; one that
+// would cover another goes to the left, or up or down to the nearest free place, from picture to picture
+// as little as it can. A thin line leads back to its point.
 
 {
   let overlay = document.getElementById("labels");
-  let shifts = new Map();  // of labels, in lines upwards
+  let kept = new Map();  // of labels: side, and lines upwards
 
   // Pictures of words come when they are decoded, after the page.
   function words() {
@@ -13,42 +14,44 @@
     return found;
   }
 
-  // Where a label is on the screen [px], if it is to be seen: its middle, and its size.
-  function box(sprite, pixels) {
+  // The point of a label on the screen [px], if it is to be seen, and the size of the label.
+  function spot(sprite, height) {
     let at = sprite.getWorldPosition(new MeshCat.THREE.Vector3());
     let size = sprite.getWorldScale(new MeshCat.THREE.Vector3());
     let depth = at.clone().applyMatrix4(viewer.camera.matrixWorldInverse).z;
     let image = sprite.material.map && sprite.material.map.image;
     if (depth > -1e-6 || size.y < 1e-6 || !image || !image.width) return null;
-    let scale = pixels / -depth;
     let {x, y} = at.project(viewer.camera);
     return {
-      image, depth, w: size.x * scale, h: size.y * scale,
+      image, w: height * image.width / image.height, h: height,
       x: 0.5 * (1 + x) * overlay.clientWidth, y: 0.5 * (1 - y) * overlay.clientHeight,
     };
   }
 
-  // Letters take 0.8 of the height of a label.
+  // Letters fill 0.8 of the height of a label.
   function covers(a, b) {
     return 2 * Math.abs(a.x - b.x) < a.w + b.w && 2.5 * Math.abs(a.y - b.y) < a.h + b.h;
   }
 
-  function place(label, here, taken) {
-    let free = lines => {
-      let there = {...here, y: here.y - 0.8 * lines * here.h};
-      return taken.some(other => covers(there, other)) ? null : there;
+  function place(label, point, taken) {
+    let at = (side, lines) => {
+      let {w, h} = point, away = 0.5 * w + 0.6 * h;
+      return {...point, x: point.x + side * away, y: point.y - (0.3 + 0.8 * lines) * h};
     };
-    let last = shifts.get(label) || 0;
+    let inside = ({x, w}) => x > 0.5 * w && x + 0.5 * w < overlay.clientWidth;
+    let free = there => inside(there) && !taken.some(other => covers(there, other));
+    let [side, lines] = kept.get(label) || [1, 0];
     for (let k = 0; k <= 2 * taken.length + 1; ++k) {
-      for (let lines of k ? [last + k, last - k] : [0, last]) {
-        let there = free(lines);
-        if (there) {
-          shifts.set(label, lines);
+      for (let each of k ? [[side, lines + k], [side, lines - k], [-side, lines + k], [-side, lines - k]]
+                         : [[1, 0], [side, lines], [-1, 0]]) {
+        let there = at(...each);
+        if (free(there)) {
+          kept.set(label, each);
           return there;
         }
       }
     }
-    return here;
+    return at(side, lines);
   }
 
   function write(labels) {
@@ -60,22 +63,25 @@
     let paint = overlay.getContext("2d");
     paint.setTransform(sharp, 0, 0, sharp, 0, 0);
     paint.clearRect(0, 0, width, height);
-    let pixels = 0.5 * height * viewer.camera.projectionMatrix.elements[5];
-    let taken = [];
+    let tall = Math.min(24, Math.max(18, 0.025 * height));  // [px] of a line, also in a small window
+    let taken = [], placed = [];
     for (let label of labels) {
-      let here = box(label, pixels);
-      if (!here) continue;
-      let there = place(label, here, taken);
+      let point = spot(label, tall);
+      if (!point) continue;
+      let there = place(label, point, taken);
       taken.push(there);
-      if (Math.abs(there.y - here.y) > here.h) {
-        paint.strokeStyle = "rgba(110, 110, 120, 0.8)";
-        paint.beginPath();
-        paint.moveTo(here.x, here.y + 0.4 * here.h);
-        paint.lineTo(there.x, there.y);
-        paint.stroke();
-      }
-      paint.drawImage(there.image, there.x - 0.5 * there.w, there.y - 0.5 * there.h, there.w, there.h);
+      placed.push([point, there]);
     }
+    paint.strokeStyle = "rgba(110, 110, 120, 0.7)";
+    for (let [point, there] of placed) {
+      paint.beginPath();
+      paint.moveTo(point.x, point.y);
+      paint.lineTo(there.x - Math.sign(there.x - point.x) * 0.5 * there.w, there.y);
+      paint.stroke();
+    }
+    paint.fillStyle = "rgba(255, 255, 255, 0.6)";
+    for (let [, {x, y, w, h}] of placed) paint.fillRect(x - 0.5 * w, y - 0.4 * h, w, 0.8 * h);
+    for (let [, {image, x, y, w, h}] of placed) paint.drawImage(image, x - 0.5 * w, y - 0.5 * h, w, h);
   }
 
   let drawn = viewer.render.bind(viewer);

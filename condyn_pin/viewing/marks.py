@@ -4,9 +4,9 @@ Marks on every scene: joints, spring-dampers, the centre of mass, and the floor.
 
 A hinge is a drum about its axis, a slider a bar along it, any other joint a ball; what has a motor
 is orange. The joint of a floating base is not marked. A spring-damper is bellows from one frame to
-the other. The floor is a grid in the plane z = 0, or below what hangs from there; its squares give
-the scale. meshcat's own grid is of lines, which software renderers drop where they pass behind the
-camera.
+the other. The floor is a grid in the plane z = 0, or below a machine that hangs from there; its
+squares give the scale. meshcat's own grid is of lines, which software renderers drop where they
+pass behind the camera.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from __future__ import annotations
 import io
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import lru_cache, partial
 from operator import methodcaller
 from typing import Any, Final, NamedTuple, TypeAlias
@@ -37,8 +37,8 @@ from condyn_pin.viewing.part import (
     ACTUATED,
     AXES,
     CONTACT,
+    FLOOR,
     FORCE,
-    GHOST,
     GRID,
     MASS,
     MOMENT,
@@ -57,7 +57,10 @@ from condyn_pin.viewing.part import (
 )
 
 _FOLDS = 12  # of bellows
-_HALF = 8  # squares from the middle of the floor to its edge
+_HALF = 7  # squares from the middle of the floor to its edge
+_BELOW = 4e-3  # of the size of the scene: how far the floor is below the grid and the grounds on it
+_SUNK = 0.06  # of the size of the scene: how deep a shape is under the floor, to be warned of
+_LOOKS = 20  # instants of a motion that are looked at
 
 
 def joint_parts(robot: Robot, size: float) -> Iterator[Part]:
@@ -69,7 +72,7 @@ def joint_parts(robot: Robot, size: float) -> Iterator[Part]:
             continue
         driven = name in robot.motor_joints
         kind, colour = ("actuated", ACTUATED) if driven else ("passive", PASSIVE)
-        shape = ((_joint_mark(joint, 0.011 * size), colour),)
+        shape = ((_joint_mark(joint, 0.008 * size), colour),)
         yield Part(f"joints/{kind}/{name}", joint_pose(i), shape, opacity=0.9, on_top=True)
 
 
@@ -111,7 +114,7 @@ def mass_parts(size: float) -> Iterator[Part]:
     def pose(at: Instant) -> Array:
         return at_point(at.com)
 
-    ball = meshes.sphere(0.015 * size)
+    ball = meshes.sphere(0.011 * size)
     yield Part("mass/centre", pose, ((ball, MASS),), opacity=0.9, on_top=True)
     yield label("mass/label", "centre of mass", MASS, pose, 0.024 * size)
 
@@ -122,30 +125,79 @@ def spacing(size: float) -> float:
     return power * max(step for step in (1, 2, 5) if step * power <= size / 6.0)
 
 
-def floor_part(middle: Array, size: float) -> Part:
-    """Return the grid under a scene, its lines on whole multiples of the spacing."""
+def floor_parts(robot: Robot, middle: Array, size: float) -> Iterator[Part]:
+    """Yield the grid under a scene, its lines on whole multiples of the spacing, and the floor.
+
+    A robot that moves freely stands on a floor, which hides what is below; one that is fixed may
+    hang from its base.
+    """
     height = 0.0 if middle[2] >= 0.0 else middle[2] - 0.5 * size
     step = spacing(size)
     centre = np.round(middle[:2] / step) * step
     long, thin = 2.0 * _HALF * step, 0.0025 * size
-    corners = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])
-    line = meshes.Mesh(corners, np.array([(0, 1, 2), (0, 2, 3)], dtype=np.uint32))
     lines = meshes.Mesh(np.zeros((0, 3)), np.zeros((0, 3), dtype=np.uint32))
     for i in range(-_HALF, _HALF + 1):
         for x, y, at in ((long, thin, (0.0, i * step)), (thin, long, (i * step, 0.0))):
-            T = np.diag([x, y, 1.0, 1.0])
-            T[:3, 3] = *(centre + at), height
-            lines = lines + line.moved(T)
-    return Part("floor", lambda _: np.eye(4), ((lines, GRID),))
+            lines = lines + _square(x, y, np.array([*(centre + at), height]))
+    yield Part("floor", lambda _: np.eye(4), ((lines, GRID),))
+    if height == 0.0 and has_floating_base(robot):
+        sheet = _square(long, long, np.array([*centre, -_BELOW * size]))
+        yield Part("sheet", lambda _: np.eye(4), ((sheet, FLOOR),), sheet=True)
+
+
+def _square(x: float, y: float, middle: Array) -> meshes.Mesh:
+    """Rectangle of edges x and y [m], seen from above."""
+    corners = np.array([(-0.5, -0.5, 0.0), (0.5, -0.5, 0.0), (0.5, 0.5, 0.0), (-0.5, 0.5, 0.0)])
+    T = np.diag([x, y, 1.0, 1.0])
+    T[:3, 3] = middle
+    return meshes.Mesh(corners, np.array([(0, 1, 2), (0, 2, 3)], dtype=np.uint32)).moved(T)
+
+
+def has_floating_base(robot: Robot) -> bool:
+    """True if the first joint is free."""
+    return robot.model.njoints > 1 and robot.model.joints[1].nv == 6
+
+
+def sunk(robot: Robot, parts: Iterable[Part], instants: Sequence[Instant], size: float) -> str:
+    """The body that is deepest in the floor at any instant, and how deep; empty if there is none.
+
+    Shapes of feet go deeper than the points that they stand on, by a few per cent of the scene.
+    """
+    parts = list(parts)
+    if not any(part.path == "sheet" for part in parts):
+        return ""
+    seen = instants[:: max(1, len(instants) // _LOOKS)]
+    depths = {
+        part.path.removeprefix("robot/"): max(_depth(part, at) for at in seen)
+        for part in parts
+        if part.path.startswith("robot/")
+    }
+    worst = max(depths, key=lambda name: depths[name], default="")
+    if not worst or depths[worst] < _SUNK * size:
+        return ""
+    i = robot.model.getJointId(worst)
+    bodies = (f.name for f in robot.model.frames if f.type == pin.FrameType.BODY)
+    carried = (name for name in bodies if robot.frame(name)[0] == i)
+    return f"warning: {next(carried, worst)} is {100.0 * depths[worst]:.0f} cm under the ground"
+
+
+def _depth(part: Part, at: Instant) -> float:
+    """Depth of the lowest vertex of a part below z = 0 [m]."""
+    T = part.pose(at)
+    if T is None:
+        return 0.0
+    drawn = part.coarse or tuple(mesh for mesh, _ in part.meshes)
+    return max(-float((mesh.vertices @ T[2, :3]).min()) - T[2, 3] for mesh in drawn)
 
 
 # Forces of constraints and contacts as arrows, each on the body that feels it.
 #
-# Forces have one scale, moments another: the largest of all moments is a third of the scene.
+# Forces have one scale, moments another: the largest of each is a quarter of the scene.
 
 
-_LARGEST = 0.33  # of the size of the scene
-_LEAST = 1e-3  # of the largest arrow: what is smaller is not drawn
+_LARGEST = 0.25  # of the size of the scene
+_LEAST = 1e-3  # of the largest arrow: a smaller one is not drawn
+_FLAT = 6e-3  # of the size of the scene: a shorter arrow would be a disc
 _ROUNDING = 1e-9  # of the weight, of moments at the size of the scene: no force of what flies
 
 
@@ -228,8 +280,15 @@ def arrow_parts(
             length, on = most[arrow]
             if length > _LEAST * largest and largest > least:
                 body = body_of(scene.robot, on)
-                words = f"{length:.3g} {unit} {'at most ' if moves else ''}on {body}"
+                words = _words(arrow, f"{length:.3g} {unit}{' at most' if moves else ''}", body)
                 yield from _arrow_parts(arrow, words, body, _LARGEST * size / largest, size)
+
+
+def _words(arrow: _Arrow, size: str, body: str) -> str:
+    """Label of an arrow: the constraint, its size, and the body; of a reaction the body alone."""
+    if arrow.colour == REACTION:
+        return f"on {body}"
+    return f"{arrow.name}: {size}" if body in arrow.name else f"{arrow.name}: {size} on {body}"
 
 
 def _arrows(
@@ -263,7 +322,7 @@ def _other_end(first: Callable[[Instant], _Acting | None]) -> Callable[[Instant]
 def _arrow_parts(arrow: _Arrow, words: str, on: str, scale: float, size: float) -> Iterator[Part]:
     def ends(at: Instant) -> tuple[Array, Array] | None:
         found = arrow.vector(at)
-        if found is None or np.linalg.norm(found[1]) * scale < _LEAST * size:
+        if found is None or np.linalg.norm(found[1]) * scale < _FLAT * size:
             return None
         return found[0], found[0] + scale * found[1]
 
@@ -273,8 +332,8 @@ def _arrow_parts(arrow: _Arrow, words: str, on: str, scale: float, size: float) 
         pose_from(ends, lambda both: span(*both)),
         pose_from(ends, lambda both: at_point(both[1])),
     )
-    radius = 0.007 * size
-    head = 2.2 * radius
+    radius = 0.0045 * size
+    head = 2.6 * radius
     profile = [(0.0, 0.0), (radius, 0.0), (radius, 0.8), (head, 0.8), (0.0, 1.0)]
     shape = meshes.solid_of_revolution(profile, 16)  # along z from 0 to 1
     yield Part(path, pose, ((shape, arrow.colour),), on_top=True)
@@ -291,12 +350,12 @@ def closure_parts(
     for constraint in scene.constraints:
         if len(constraint.frames) == 2:
             name = constraint.name
-            yield _frame(f"closures/{name}/frame_a", name, 0, 0.045 * size, 0.003 * size)
-            yield _frame(f"closures/{name}/frame_b", name, 1, 0.032 * size, 0.005 * size)
+            yield _frame(f"closures/{name}/frame_a", name, 0, 0.034 * size, 0.002 * size)
+            yield _frame(f"closures/{name}/frame_b", name, 1, 0.024 * size, 0.0035 * size)
             yield _gap(f"closures/{name}/gap", name, size)
             middle = _of_ends(name, lambda a, b: at_point(0.5 * (a.translation + b.translation)))
             # a ball in the middle of the gap, which also a closed loop shows
-            ball = ((meshes.sphere(0.016 * size), gap_colour(0.0)),)
+            ball = ((meshes.sphere(0.011 * size), gap_colour(0.0)),)
             yield Part(f"closures/{name}/state", middle, ball, on_top=True, tint=_tint(name))
             gap = worst.get(name)
             if gap is not None:
@@ -327,7 +386,7 @@ def _rotated_end(end: Any) -> Array:
 def _gap(path: str, name: str, size: float) -> Part:
     """Return the segment from c1 to c2 of a constraint."""
     pose = _of_ends(name, lambda a, b: span(a.translation, b.translation))
-    shape = ((meshes.rod(0.006 * size, 1.0, 12), gap_colour(0.0)),)
+    shape = ((meshes.rod(0.004 * size, 1.0, 12), gap_colour(0.0)),)
     return Part(path, pose, shape, on_top=True, tint=_tint(name))
 
 
@@ -431,68 +490,70 @@ def _point(name: str, at: Instant) -> Array | None:
 # The legend of a picture: what its colours mean, and what could not be drawn.
 
 
-# What the legend says, if all these parts are there.
+# Parts that a line needs, its colour, and its words.
 _LEGEND = (
     (("joints/actuated",), palette.ACTUATED, "joint with a motor"),
-    (("joints/passive",), palette.PASSIVE, "passive joint"),
-    (("springs",), palette.SPRING, "spring-damper"),
-    (("closures",), palette.CLOSED, "closed"),
-    (("closures",), palette.OPEN, "open by 1 cm or more (yellow: by less)"),
+    (("joints/passive",), palette.PASSIVE, "joint without a motor"),
+    (("springs",), palette.SPRING, "spring and damper"),
+    (("closures",), palette.CLOSED, "loop, closed"),
+    (("opened",), palette.AJAR, "loop, open by less than 1 cm"),
+    (("opened",), palette.OPEN, "loop, open by more"),
     (("contacts",), palette.CONTACT, "contact"),
-    (("candidates",), palette.CONTACT, "may touch"),
-    (("touching",), palette.AWAY, "contact that is open"),
-    (("touching",), palette.STICKS, "contact that sticks"),
-    (("touching",), palette.SLIDES, "contact that slides"),
-    (("grounds",), palette.GROUND, "what may be touched"),
-    (("cones",), palette.CONE, "forces that friction can give"),
-    (("forces",), palette.FORCE, "force on the first-named body"),
-    (("forces", "closures"), palette.REACTION, "force on the other body"),
+    (("candidates",), palette.CONTACT, "contact that may open"),
+    (("touching", "open"), palette.AWAY, "contact, open"),
+    (("touching", "stick"), palette.STICKS, "contact, sticking"),
+    (("touching", "slide"), palette.SLIDES, "contact, sliding"),
+    (("cones",), palette.CONE, "friction cone"),
+    (("forces",), palette.FORCE, "contact force"),
+    (("forces", "closures"), palette.FORCE, "force in a loop or contact"),
+    (("forces", "closures"), palette.REACTION, "the same force on the other body"),
     (("moments",), palette.MOMENT, "moment"),
     (("balance/support",), palette.SUPPORT, "support polygon"),
     *(((f"balance/{name}",), colour, words) for name, words, colour in POINTS),
+    (("grounds",), palette.GROUND, "ground"),
 )
 
 
 def legend_of(
-    title: str, parts: Iterable[Part], squares: float, notes: Iterable[str]
+    title: str,
+    parts: Iterable[Part],
+    instants: Iterable[Instant],
+    squares: float,
+    notes: Iterable[str],
 ) -> Iterator[tuple[str, str]]:
-    """Yield colour and text of each line; `squares` are those of the floor [m]."""
+    """Yield colour and text of each line; `squares` are those of the grid [m]."""
     yield "", title
     paths = [part.path for part in parts]
     seen = {path.removeprefix("before/").split("/")[0] for path in paths}
     seen |= {"/".join(path.split("/")[:2]) for path in paths}
+    for at in instants:
+        seen |= {touch.mode for touch in at.touching.values()}
+        seen |= {"opened" for gap in at.gaps.values() if gap.length > tolerances.CLOSED}
+    seen |= {"opened"} if "before" in {path.split("/")[0] for path in paths} else set()
     for needed, colour, text in _LEGEND:
-        if seen.issuperset(needed):
+        if seen.issuperset(needed) and not (text == "contact force" and "closures" in seen):
             yield f"#{palette.number(colour):06x}", text
-    yield "", f"squares of {squares:g} m"
+    yield f"#{palette.number(palette.GRID):06x}", f"grid of {squares:g} m"
     yield from (("", note) for note in notes)
 
 
-# Labels: text that faces the camera, without overlaps in its initial view.
-#
-# A label stands above its point. One that would cover another moves in the plane of the picture to
-# the nearest place that is free, and a thin line leads back to its point. Seen from elsewhere, and
-# later in a motion, labels keep these places beside their points.
+# Labels: text that faces the camera, at a point; the page moves it beside that, clear of others.
 
 
 _PIXELS: Final = 30  # of the font's height
 _RIM: Final = 6  # [px]
-_ABOVE: Final = 0.9  # heights from a point to the middle of its label
-_INK: Final = 0.8  # of the height of a label: what its letters take
-_LINE: Final = 0.03  # of the height of a label: the radius of the line to its point
-_NEAR: Final = 1.1  # heights by which a label may be moved without a line
 
 
 def label(path: str, text: str, colour: Colour, pose: Pose, height: float) -> Part:
-    """Return a line of text of a height [m] above the point of a pose."""
+    """Return a line of text of a height [m] at the point of a pose."""
     png, width = _written(text, tuple(round(150 * x) for x in colour))
 
-    def above(T: Array) -> Array:
+    def here(T: Array) -> Array:
         placed = np.diag([width * height, height, height, 1.0])
-        placed[:3, 3] = T[:3, 3] + (0.0, 0.0, _ABOVE * height)
+        placed[:3, 3] = T[:3, 3]
         return placed
 
-    return Part(path, pose_from(pose, above), picture=png, on_top=True)
+    return Part(path, pose_from(pose, here), picture=png, on_top=True)
 
 
 @lru_cache(maxsize=256)
@@ -511,83 +572,3 @@ def _written(text: str, colour: tuple[int, ...]) -> tuple[bytes, float]:
     file = io.BytesIO()
     picture.quantize(32).save(file, "PNG")
     return file.getvalue(), size[0] / size[1]
-
-
-@dataclass(frozen=True, eq=False)
-class Camera:
-    """Pose of the camera.
-
-    at, target (3,): its position, and the point that it looks at [m]
-    """
-
-    at: Array  # [m]
-    target: Array  # [m]
-
-    @property
-    def axes(self) -> Array:
-        """Axes right, up and backward in the world, the rows of (3, 3)."""
-        back = (self.at - self.target) / np.linalg.norm(self.at - self.target)
-        right = np.cross([0.0, 0.0, 1.0], back)
-        right /= np.linalg.norm(right)
-        return np.array([right, np.cross(back, right), back])
-
-    def box(self, T: Array, shift: Array) -> Array:
-        """Return left, bottom, right, top in the picture of a label at T (4, 4) after a shift."""
-        x, y, z = self.axes @ (T[:3, 3] - self.at)
-        half = 0.5 * np.array([T[0, 0], _INK * T[1, 1]])
-        centre = np.array([x, y]) + shift
-        box: Array = np.concatenate([centre - half, centre + half]) / max(-z, 1e-9)
-        return box
-
-
-def spread_labels(parts: Sequence[Part], first: Instant, eye: Camera) -> Iterator[Part]:
-    """Yield the parts, with labels moved so that none overlaps another at an instant."""
-    taken: list[Array] = []
-    for part in parts:
-        T = part.pose(first) if part.picture else None
-        if T is None:
-            yield part
-            continue
-        here = (np.zeros(2), eye.box(T, np.zeros(2)))
-        shift, box = next(_free_shift(eye, T, taken), here)
-        taken.append(box)
-        if not shift.any():
-            yield part
-            continue
-        by = shift @ eye.axes[:2]
-        yield replace(part, pose=pose_from(part.pose, partial(_moved_label, by=by)))
-        if np.linalg.norm(shift) > _NEAR * T[1, 1]:
-            yield _leader(part, by, _LINE * T[1, 1])
-
-
-def _free_shift(eye: Camera, T: Array, taken: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
-    """Shifts (2,) [m] that free a label of overlaps, the nearest first, and its box there."""
-    width, height = T[0, 0], _INK * T[1, 1]
-    sides = np.array([0.0, 0.35, -0.35, 0.7, -0.7]) * width
-    steps = range(3 * len(taken) + 1)
-    shifts = [np.array([x, s * k * height]) for k in steps for s in (1, -1) for x in sides]
-    for shift in sorted(shifts, key=lambda each: float(np.hypot(0.6 * each[0], each[1]))):
-        box = eye.box(T, shift)
-        if not any(overlap(box, other) for other in taken):
-            yield shift, box
-
-
-def overlap(a: Array, b: Array) -> bool:
-    """True if two boxes of left, bottom, right, top overlap."""
-    return bool((a[:2] < b[2:]).all() and (b[:2] < a[2:]).all())
-
-
-def _moved_label(T: Array, by: Array) -> Array:
-    T = T.copy()
-    T[:3, 3] += by
-    return T
-
-
-def _leader(label: Part, by: Array, radius: float) -> Part:
-    """Leader line from the original position of a label to the shifted one."""
-
-    def line(T: Array) -> Array:
-        return span(T[:3, 3] - (0.0, 0.0, _ABOVE * T[1, 1]), T[:3, 3] + by)
-
-    rod = ((meshes.rod(radius, 1.0, 6), GHOST),)
-    return Part(f"{label.path} line", pose_from(label.pose, line), rod, on_top=True)

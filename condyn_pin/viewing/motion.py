@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any
 
@@ -18,7 +19,7 @@ from condyn_pin.dynamics.solution import Sites
 from condyn_pin.simulation.trajectory import Trajectory, balances
 from condyn_pin.viewing import part as three
 from condyn_pin.viewing.instant import Instant, PlottedForce, instant
-from condyn_pin.viewing.marks import Camera, LargestForce
+from condyn_pin.viewing.marks import LargestForce
 from condyn_pin.viewing.part import Part
 
 
@@ -108,18 +109,72 @@ def peaks_of(trajectory: Trajectory) -> dict[str, LargestForce]:
     }
 
 
-# Where the camera is at first: from the middle of what is seen, along the normal of a linkage.
+# Where the camera is at first: all parts are in the picture, seen along the normal of a linkage.
 
 
-_FAR = 1.15  # of the size of a scene, from its middle to the camera
-FROM = np.array([0.78, 0.55, 0.3])  # the direction from there to the camera
+FROM = np.array([0.78, 0.55, 0.3])  # the direction from the middle to the camera
 _FLAT = 0.9  # of the normal's z: above this a plane is seen as a floor is
 _TILT = 0.2  # of a linkage in a plane: how far above its normal, and beside it, the camera is
+FIELD = 35.0  # [deg] of the camera, from bottom to top
+ASPECT = 4.0 / 3.0  # of a window; in a narrower one the page moves the camera back
+_FILLED = 0.82  # of the picture: the rest is for labels
+_AROUND = ("floor", "sheet", "grounds", "inertia")  # parts that may reach out of the picture
+_LOOKS = 12  # instants of a motion that are looked at
 
 
-def eye_at(middle: Array, size: float, toward: Array) -> Camera:
-    """Return the camera that sees a scene of this size [m] from a direction."""
-    return Camera(middle + _FAR * size * toward, middle)
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """Pose of the camera.
+
+    at, target (3,): its position, and the point that it looks at [m]
+    """
+
+    at: Array  # [m]
+    target: Array  # [m]
+
+    @property
+    def axes(self) -> Array:
+        """Axes right, up and backward in the world, the rows of (3, 3)."""
+        back = (self.at - self.target) / np.linalg.norm(self.at - self.target)
+        right = np.cross([0.0, 0.0, 1.0], back)
+        right /= np.linalg.norm(right)
+        return np.array([right, np.cross(back, right), back])
+
+
+def framed(parts: Sequence[Part], instants: Sequence[Instant], toward: Array) -> Camera:
+    """Return the nearest camera in a direction (3,) that has all parts in the picture.
+
+    In the axes right x, up y and backward z of a camera at the distance d from its target, a point
+    is seen if |x| <= (d - z) tan_x and |y| <= (d - z) tan_y.
+    """
+    points = _corners(parts, instants)
+    target = 0.5 * (points.min(axis=0) + points.max(axis=0))
+    axes = Camera(target + toward, target).axes
+    tan = _FILLED * np.tan(np.deg2rad(0.5 * FIELD)) * np.array([ASPECT, 1.0])
+    for _ in range(5):  # each moves the middle of the picture to that of the points
+        x = (points - target) @ axes.T
+        distance = float((x[:, 2] + (np.abs(x[:, :2]) / tan).max(axis=1)).max())
+        seen = x[:, :2] / (distance - x[:, 2:])
+        target = target + 0.5 * distance * (seen.min(axis=0) + seen.max(axis=0)) @ axes[:2]
+    return Camera(target + max(distance, _NEAREST) * axes[2], target)
+
+
+_NEAREST = 0.05  # [m] from the camera to a scene that is a point
+
+
+def _corners(parts: Sequence[Part], instants: Sequence[Instant]) -> Array:
+    """Corners (k, 3) of the boxes around all parts, at some instants [m]."""
+    found = [at.com for at in instants]
+    for part in parts:
+        if part.path.split("/")[0] in _AROUND or not part.meshes:
+            continue
+        vertices = np.concatenate([mesh.vertices for mesh, _ in part.meshes])
+        low, high = vertices.min(axis=0), vertices.max(axis=0)
+        box = np.array([np.where(bits, low, high) for bits in np.ndindex(2, 2, 2)])
+        for at in instants[:: max(1, len(instants) // _LOOKS)]:
+            if (T := part.pose(at)) is not None:
+                found += list(box @ T[:3, :3].T + T[:3, 3])
+    return np.array(found)
 
 
 def toward_of(normal: Array | None) -> Array:

@@ -42,13 +42,14 @@ def mesh(
     *,
     opacity: float = 1.0,
     on_top: bool = False,
+    sheet: bool = False,
     coarse: Mesh | None = None,
 ) -> Command:
     """Return the command that draws triangles."""
     # Those of `coarse` follow those of `shape` in one geometry, from index `whole` on: a page
     # chooses between them by the range that it draws, at no cost. A mesh `on_top` is seen through
     # all before it. It is a solid wound outward, seen from one side only: three.js draws both sides
-    # of a transparent mesh one after the other.
+    # of a transparent mesh one after the other. A `sheet` is seen from above only.
     whole = shape.faces.size
     if coarse is not None:
         shape = shape + coarse
@@ -66,7 +67,7 @@ def mesh(
         "type": "MeshLambertMaterial",
         "color": number(colour),
         "flatShading": True,
-        "side": _FRONT if on_top else _BOTH_SIDES,
+        "side": _FRONT if on_top or sheet else _BOTH_SIDES,
         "opacity": opacity,
         # three.js draws what is transparent last, and so over all that is opaque
         "transparent": on_top or opacity < 1.0,
@@ -207,6 +208,7 @@ class Part:
     picture: bytes = b""  # A PNG that faces the camera, in place of meshes
     opacity: float = 1.0
     on_top: bool = False  # whether it is seen through what is before it
+    sheet: bool = False  # whether it is seen from its front alone, as a floor is from above
     tint: Tint | None = None  # its colour, where that changes with the instant
 
     def place(self, at: Instant) -> Array:
@@ -220,7 +222,7 @@ class Part:
             chosen = colour if self.tint is None else self.tint(at)
             yield mesh(
                 f"{self.path}/{i}", shape, chosen, opacity=self.opacity, on_top=self.on_top,
-                coarse=self.coarse[i] if self.coarse else None,
+                sheet=self.sheet, coarse=self.coarse[i] if self.coarse else None,
             )  # fmt: skip
         if self.picture:
             yield label(f"{self.path}/0", self.picture)
@@ -280,7 +282,7 @@ GHOST: Final[Colour] = (0.55, 0.55, 0.60)
 ACTUATED: Final[Colour] = (0.902, 0.624, 0.0)  # orange
 PASSIVE: Final[Colour] = (0.25, 0.25, 0.25)
 CONTACT: Final[Colour] = (0.8, 0.475, 0.655)  # purple
-GROUND: Final[Colour] = (0.80, 0.74, 0.62)
+GROUND: Final[Colour] = (1.0, 0.97, 0.88)
 CONE: Final[Colour] = (0.941, 0.894, 0.259)  # yellow
 AWAY: Final[Colour] = (0.55, 0.55, 0.55)
 STICKS: Final[Colour] = CONTACT
@@ -293,7 +295,8 @@ SUPPORT: Final[Colour] = (0.0, 0.62, 0.451)  # green
 PRESSURE: Final[Colour] = (0.835, 0.369, 0.0)  # vermillion
 CAPTURE: Final[Colour] = (0.941, 0.894, 0.259)  # yellow
 DIVERGENT: Final[Colour] = (0.337, 0.706, 0.914)  # sky blue
-GRID: Final[Colour] = (0.88, 0.88, 0.88)
+GRID: Final[Colour] = (0.78, 0.78, 0.78)
+FLOOR: Final[Colour] = (1.0, 1.0, 1.0)
 MASS: Final[Colour] = (0.0, 0.0, 0.0)
 AXES: Final[tuple[Colour, Colour, Colour]] = ((0.85, 0.1, 0.1), (0.1, 0.6, 0.1), (0.1, 0.2, 0.9))
 

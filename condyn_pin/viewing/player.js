@@ -1,4 +1,4 @@
-// A bar for a motion: play and pause, time and speed. What the sliders say goes to meshcat's animator.
+// A bar for a motion, which rests at its start: play and pause, time and speed, of meshcat's animator.
 
 {
   let bar = document.getElementById("player");
@@ -6,7 +6,9 @@
     let [button, time, clock, speed, times] = ["play", "time", "clock", "speed", "times"].map(
       name => bar.querySelector("." + name));
     bar.style.display = "flex";
-    viewer.gui.close();
+    viewer.animator.pause();
+    viewer.animator.seek(0);
+    viewer.animator.display_progress(0);
     time.max = viewer.animator.duration;
 
     let said = seconds => (bar.dataset.speed * seconds).toFixed(3) + " s";
