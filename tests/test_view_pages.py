@@ -533,7 +533,7 @@ def test_a_browser_draws_robot_arrows_and_closures(tmp_path):
     picture = Image.open(tmp_path / "c.png").convert("RGB")
     assert picture.size == chromium.SIZE
     rgb = np.asarray(picture, dtype=float)[170:] / 255.0  # below the legend
-    assert (rgb[:, :40] > 0.99).mean() > 0.9  # a white margin
+    assert rgb[:, :40].mean() > 0.85  # a margin, of white and of the floor
     grey = (np.ptp(rgb, axis=2) < 0.08) & (rgb.mean(axis=2) < 0.75) & (rgb.mean(axis=2) > 0.3)
     assert grey.mean() > 0.02  # the robot, and not only its outlines
     hue, saturation, _ = np.moveaxis(np.asarray(picture.convert("HSV"), float)[170:], 2, 0)

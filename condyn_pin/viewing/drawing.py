@@ -419,7 +419,9 @@ viewer.renderer.setClearColor("white", 1);  // cheaper than a background that is
 viewer.camera.fov = {field};
 viewer.controls.target.set(...{target});
 viewer.camera.position.set(...{position}).sub(viewer.controls.target);
-viewer.camera.position.multiplyScalar(Math.max(1, {aspect} * innerHeight / innerWidth));
+if (innerWidth) {{
+  viewer.camera.position.multiplyScalar(Math.max(1, {aspect} * innerHeight / innerWidth));
+}}
 viewer.camera.position.add(viewer.controls.target);
 viewer.controls.update();
 {scripts}

@@ -155,7 +155,7 @@ def _square(x: float, y: float, middle: Array) -> meshes.Mesh:
 
 def has_floating_base(robot: Robot) -> bool:
     """True if the first joint is free."""
-    return robot.model.njoints > 1 and robot.model.joints[1].nv == 6
+    return bool(robot.model.njoints > 1 and robot.model.joints[1].nv == 6)
 
 
 def sunk(robot: Robot, parts: Iterable[Part], instants: Sequence[Instant], size: float) -> str:
@@ -187,7 +187,8 @@ def _depth(part: Part, at: Instant) -> float:
     if T is None:
         return 0.0
     drawn = part.coarse or tuple(mesh for mesh, _ in part.meshes)
-    return max(-float((mesh.vertices @ T[2, :3]).min()) - T[2, 3] for mesh in drawn)
+    lowest = min(float((mesh.vertices @ T[2, :3]).min()) for mesh in drawn)
+    return -lowest - float(T[2, 3])
 
 
 # Forces of constraints and contacts as arrows, each on the body that feels it.
