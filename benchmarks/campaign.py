@@ -310,8 +310,10 @@ def report(parts: Mapping[str, Sequence[Line]], folder: Path | None) -> int:
 def pages(summaries: Mapping[str, Line]) -> script.Pages:
     """Return the blocks of README and docs."""
     return {
-        script.README: {"campaign": sentence(summaries)},
-        script.RESULTS_PAGE: {"campaign": essence(summaries)},
+        script.RESULTS_PAGE: {
+            "campaign": essence(summaries),
+            "campaign_total": sentence(summaries),
+        },
     }
 
 

@@ -142,7 +142,6 @@ SUBJECTS = [
         partial(run, families=tuple(EXTREMES), subject="solvers"),
         partial(table, subject="solvers"),
         pages=lambda runs: {
-            script.README: {"stress": essence(runs, "solvers")},
             script.RESULTS_PAGE: {
                 "stress": table(runs, "solvers"),
                 "stress_maps": links(drawn(max(runs))),

@@ -217,11 +217,6 @@ def essence(saved: script.Saved) -> str:
             f"`{'`, `'.join(f['small_mu']['said'])}`; by default a to {f['small_mu']['ours']:.0e}",
         ),
         (
-            f"[Talos, `absolute_residual` of a right a]({page}#3-a-residual-that-is-not-one)",
-            f"{f['not_a_residual']['theirs']:.0f} or more",
-            f"{f['not_a_residual']['ours']:.0e} at most, recomputed",
-        ),
-        (
             f"[four-bar, da/dq along its loop]({page}#5-a-wrong-first-column-of-the-derivatives)",
             f"off by {f['first_column']['theirs']:.1f} times itself",
             f"within {f['first_column']['ours']:.0e} of differences",
@@ -241,7 +236,7 @@ def essence(saved: script.Saved) -> str:
         f"{script.source('truth', saved['machine'], script.SHORT)}, worst of {STATES} states; the "
         "last row `benchmarks/results/peers.json`."
     )
-    lines = ["| asked | elsewhere, without a warning | here |", "|---|---|---|"]
+    lines = ["| question | elsewhere, without a warning | here |", "|---|---|---|"]
     lines += ["| " + " | ".join(row) + " |" for row in rows]
     return "\n".join([*lines, "", where])
 

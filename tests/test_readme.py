@@ -148,7 +148,7 @@ def test_beside_mujoco_a_motion_that_stands_still_has_no_error():
 
 
 def test_beside_mujoco_no_answer_is_less_accurate_than_asked_for():
-    """The estimator is the same, both start closed; and the README counts who is faster."""
+    """The estimator is the same, both start closed; and the results count who is faster."""
     import script
     import simulation_vs_mujoco as versus
 
@@ -165,7 +165,7 @@ def test_beside_mujoco_no_answer_is_less_accurate_than_asked_for():
         f"faster at {ahead['four_bar']} of its {len(theirs['four_bar'])} settings on the four-bar, "
         f"{ahead['cassie']} of {len(theirs['cassie'])} on Cassie"
     )
-    assert said in words("README.md")
+    assert said in words("docs/results.md")
 
 
 def test_batches_are_ok_and_the_same_and_no_less_accurate_than_mujoco():
@@ -207,7 +207,7 @@ def test_weights_are_of_families_that_there_are():
 def test_sentences_say_what_the_committed_results_say():
     """Numbers that stand in a sentence, outside the blocks that a script writes."""
     text, solvers, simulators = map(
-        words, ("README.md", "docs/how-to-choose-a-solver.md", "docs/simulators.md")
+        words, ("docs/results.md", "docs/how-to-choose-a-solver.md", "docs/simulators.md")
     )
     times: dict[str, dict[str, float]] = {}
     saved = json.loads((RESULTS / "bench.json").read_text())["rows"]
