@@ -17,10 +17,10 @@ import numpy as np
 from matplotlib import pyplot as plt
 
 import condyn_pin as cp
+from condyn_pin._core.show import COLOURS, style
 
-# Okabe and Ito's colours, told apart by colour-blind eyes.
-BLUE, ORANGE, GREEN, GREY = "#0072B2", "#D55E00", "#009E73", "#999999"
-STYLE = {"svg.hashsalt": "condyn_pin", "font.size": 9, "axes.grid": False, "lines.linewidth": 1.8}
+BLUE, ORANGE, GREEN, *_, GREY = COLOURS  # told apart by colour-blind eyes
+STYLE = {"svg.hashsalt": "condyn_pin", "font.size": 9, "lines.linewidth": 1.6}
 
 
 def cut() -> Any:
@@ -103,7 +103,7 @@ def contact() -> Any:
     ax.text(
         1.6,
         0.85,
-        "a foot that stands: lam_z > 0\na foot that is held down: lam_z < 0,\nand a notice says so",
+        "a foot that stands: lam_z > 0\na foot held down: lam_z < 0,\nand a notice names it",
     )
     ax.set(xlim=(-1.0, 4.6), ylim=(-0.3, 1.7), aspect="equal")
     ax.axis("off")
@@ -122,7 +122,11 @@ def stability_limit() -> Any:
     ax.annotate(
         f"alpha dt = {edge:.3f}", (edge, 0.2), (6, 0), textcoords="offset points", color=ORANGE
     )
-    ax.set(xlabel="alpha dt, with beta = alpha", ylabel="growth of a gap per step", ylim=(0, 2.2))
+    ax.set(
+        xlabel="alpha dt [1], with beta = alpha",
+        ylabel="growth of a gap per step [1]",
+        ylim=(0, 2.2),
+    )
     ax.spines[["top", "right"]].set_visible(False)
     return figure
 
@@ -181,7 +185,7 @@ FIGURES: tuple[Callable[[], Any], ...] = (cut, loop, contact, stability_limit, d
 def draw(folder: Path) -> None:
     """Draw every figure as an svg of its name."""
     folder.mkdir(parents=True, exist_ok=True)
-    with plt.rc_context(STYLE):
+    with style("screen"), plt.rc_context(STYLE):
         for make in FIGURES:
             figure = make()
             figure.savefig(

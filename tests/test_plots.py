@@ -33,6 +33,18 @@ def lines(ax):
     return {line.get_label(): line.get_ydata() for line in ax.lines}
 
 
+def test_a_figure_for_a_paper_is_as_wide_as_a_column(swinging, tmp_path):
+    path = tmp_path / "energy.pdf"
+    with plots.style("paper"):
+        ax = plots.energy(swinging)
+        ax.figure.savefig(path)
+    assert ax.figure.get_figwidth() == pytest.approx(show.COLUMN)
+    assert ax.xaxis.label.get_fontsize() == 8.0
+    assert path.read_bytes().startswith(b"%PDF")
+    with pytest.raises(cp.InvalidArgument, match=r"style = 'poster': one of screen, paper"):
+        plots.style("poster").__enter__()
+
+
 def test_no_two_lines_are_alike():
     looks = {(style["color"], style["ls"]) for style in map(show.line, range(32))}
     assert len(looks) == 32

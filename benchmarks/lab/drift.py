@@ -276,9 +276,9 @@ def draw_stability(integrator: Integrator, ax: Any = None, *, points: int = 60) 
     shown = ax.contourf(products, products, factor, levels=levels, cmap="cividis")
     ax.contour(products, products, factor, levels=[1.0], colors="k", linewidths=1.0)
     ax.plot([0, end], [0, end], ":", color="0.4", lw=0.8)
-    ax.set(title=f"{integrator.title}: factor per step", xlabel="alpha dt", ylabel="beta dt")
+    ax.set(title=integrator.title, xlabel="alpha dt [1]", ylabel="beta dt [1]")
     ax.set(xlim=(0, end), ylim=(0, end))
-    ax.figure.colorbar(shown, ax=ax)
+    ax.figure.colorbar(shown, ax=ax, label="factor of a gap per step")
     return ax
 
 

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import importlib.util
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from enum import Enum
 from html import escape
 from itertools import compress
@@ -212,6 +213,46 @@ def require_pandas() -> Any:
 PICTURES: Final = (".png", ".svg", ".pdf")
 
 
+STYLES: Final[dict[str, dict[str, Any]]] = {
+    "screen": {
+        "font.size": 10.0, "axes.titlesize": "medium", "legend.fontsize": "small",
+        "lines.linewidth": 1.4, "figure.figsize": (6.4, 4.0),
+    },
+    "paper": {
+        "font.size": 8.0, "axes.titlesize": 8.0, "axes.labelsize": 8.0, "legend.fontsize": 6.5,
+        "xtick.labelsize": 7.0, "ytick.labelsize": 7.0, "axes.linewidth": 0.6,
+        "lines.linewidth": 1.1, "lines.markersize": 4.0, "figure.figsize": (3.5, 2.4),
+        "pdf.fonttype": 42, "svg.fonttype": "none", "savefig.dpi": 300.0,
+    },
+}  # fmt: skip
+COLUMN, PAGE = 3.5, 7.1  # [inch] width of a column of a paper, and of two
+
+
+@contextmanager
+def style(name: str = "paper") -> Iterator[None]:
+    """Draw figures in one look: as wide as a column of a paper, font 8, or for a screen.
+
+    Parameters
+    ----------
+    name : str
+        "paper" or "screen". Write what is drawn to a .pdf or .svg: lines stay lines.
+
+    Raises
+    ------
+    InvalidArgument
+        If there is no such style.
+    MissingExtra
+        If matplotlib is not installed.
+    """
+    if name not in STYLES:
+        raise InvalidArgument(f"style = {text_of(name)}: one of {', '.join(STYLES)} is needed")
+    require_matplotlib()
+    from matplotlib import rc_context
+
+    with rc_context(STYLES[name]):
+        yield
+
+
 def axes(ax: Any) -> Any:
     """Return the axes of the caller, or those of a new figure."""
     require_matplotlib()
@@ -284,7 +325,7 @@ OTHER: Final = ("#CC79A7", "d")
 def line(i: int) -> dict[str, Any]:
     """Colour and dashes of line i; the first 32 lines all differ."""
     dashes = DASHES[(i + i // len(COLOURS)) % len(DASHES)]
-    return {"color": COLOURS[i % len(COLOURS)], "ls": dashes, "lw": 1.3}
+    return {"color": COLOURS[i % len(COLOURS)], "ls": dashes}
 
 
 def labelled_axes(ax: Any, *, title: str, x: str, y: str) -> Any:
@@ -301,7 +342,7 @@ def labelled_axes(ax: Any, *, title: str, x: str, y: str) -> Any:
     labels = ax.get_legend_handles_labels()[1]
     told = [each.get_legend_handles_labels()[1] for each in beside if each.get_legend()]
     if labels and labels not in told:
-        ax.legend(fontsize=7, frameon=False)
+        ax.legend(fontsize="small", frameon=False)
     return ax
 
 

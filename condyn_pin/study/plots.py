@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from math import isfinite
@@ -11,14 +12,17 @@ from typing import Any, Final
 import numpy as np
 
 from condyn_pin._core.show import (
+    COLUMN,
     METHOD_COLOURS,
     METHODS,
     OTHER,
+    PAGE,
     axes,
     labelled_axes,
     panels,
     write_figure,
 )
+from condyn_pin._core.show import style as look
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.errors import InvalidArgument
@@ -51,29 +55,38 @@ def save_panels(
 ) -> None:
     """Draw into the panels of one picture, each of a size [inch]; a note has the machine's words.
 
-    A legend below them has what is in any of them. The ending of `path` says which format.
+    A legend below them has the lines of all. The ending of `path` is the format: a PDF has the
+    look and the width of a paper.
     """
-    figure, places = panels(len(draw), width=size[0], height=size[1], columns=columns)
-    for one, ax in zip(draw, places, strict=False):
-        one(ax)
-    _share_legend(figure, places, min(columns, len(draw)))
-    if note:
-        words = {"processor": "", "pinocchio": ""} | dict(machine or {})
-        figure.suptitle(note.format_map(words), fontsize=8)
-    write_figure(figure, path)
+    paper = Path(path).suffix == ".pdf"
+    columns = min(columns, len(draw), 2 if paper else len(draw))
+    width, height = size
+    if paper:
+        width = COLUMN if columns == 1 else PAGE / columns
+        height *= width / size[0]
+    with look("paper" if paper else "screen"):
+        figure, places = panels(len(draw), width=width, height=height, columns=columns)
+        for one, ax in zip(draw, places, strict=False):
+            one(ax)
+        _share_legend(figure, places, 2 * columns)
+        if note:
+            words = {"processor": "", "pinocchio": ""} | dict(machine or {})
+            figure.suptitle(note.format_map(words), fontsize="small")
+        write_figure(figure, path)
 
 
 def _share_legend(figure: Any, places: Sequence[Any], columns: int) -> None:
-    """Replace the legends of all panels by one below them."""
+    """Replace the legends of all panels by one below them, its lines equally long."""
     entries: dict[str, Any] = {}
     for ax in places:
         handles, labels = ax.get_legend_handles_labels()
         entries |= dict(zip(labels, handles, strict=True))
         if legend := ax.get_legend():
             legend.remove()
+    lines = math.ceil(len(entries) / columns)
     figure.legend(
-        entries.values(), entries, loc="outside lower center", ncols=2 * columns, fontsize=8,
-        frameon=False,
+        entries.values(), entries, loc="outside lower center",
+        ncols=math.ceil(len(entries) / max(lines, 1)), fontsize="small", frameon=False,
     )  # fmt: skip
 
 
@@ -127,13 +140,13 @@ def draw_bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
         _remark(ax, weight)
     ax.set(xlim=(1.0, 300.0), ylim=(_FLOOR / _ROOM, 1.0))
     (title,) = BenchTable(tuple(rows), {}).by_scene()
-    return _in_microseconds(ax, "time of a [us]", "error of a", title)
+    return _in_microseconds(ax, "time of a [us]", "relative error of a", title)
 
 
 def save_bench(table: BenchTable, path: str | Path) -> None:
     """Draw every scene of a table into one picture, in the format of the ending of `path`."""
     scenes = dict.fromkeys(row.scene for row in table.rows if row.origin == "python")
-    note = "{processor}, Pinocchio {pinocchio}; dashed: what status ok promises"
+    note = "{processor}, Pinocchio {pinocchio}; dashed: limit of status ok"
     draw = [partial(draw_bench, table, scene) for scene in scenes]
     save_panels(draw, path, size=(4.0, 3.2), columns=3, note=note, machine=table.machine)
 
@@ -158,7 +171,7 @@ def work_precision(
 ) -> Any:
     """Draw worst error against median time of every solver with all its parameters."""
     # Every mark is a solver with its parameters; a line is the front of one method, the grey
-    # staircase that of all. Hollow marks said at some state that they are inaccurate. Dotted is the
+    # staircase that of all. Hollow marks had the status inaccurate at some state. Dotted is the
     # rounding of one number, dash-dotted the error that `Reference` itself may have: nothing below
     # it is known. What diverges is drawn at 10. Solvers that failed at a state are counted behind
     # the name of their method. See `Table.plot`.
@@ -169,15 +182,15 @@ def work_precision(
         ax.step(*zip(*best, strict=True), where="post", label="Pareto front", **grey)
     for name in dict.fromkeys(row.solver.split("(")[0] for row in rows):
         _draw_method(ax, name, [row for row in rows if row.solver.split("(")[0] == name])
-    ax.axhline(SOLVED, color="0.6", lw=0.8, ls="--", label="status ok promises")
+    ax.axhline(SOLVED, color="0.6", lw=0.8, ls="--", label="limit of status ok")
     ax.axhline(_EPS, color="0.4", lw=0.8, ls=":", label="rounding")
     if floor := table.floors.get(rows[0].scene):
-        ax.axhline(max(floor, _LOWEST), color="0.4", lw=0.8, ls="-.", label="floor of Reference")
+        ax.axhline(max(floor, _LOWEST), color="0.4", lw=0.8, ls="-.", label="error of Reference")
     title, time = f"{rows[0].scene}: {rows[0].rows} rows", f"time of {rows[0].measure} [us]"
-    _in_microseconds(ax, time, "worst error, relative", title)
+    _in_microseconds(ax, time, "worst relative error", title)
     remarks = any(each.get_gid() == "remarks" for each in ax.texts)
     ax.set_ylim(_LOWEST / (_ROOM if remarks else 3), 3 * _HIGHEST)
-    ax.legend(fontsize=6, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
+    ax.legend(fontsize="x-small", frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return ax
 
 
@@ -219,7 +232,7 @@ def _remark(ax: Any, text: str) -> None:
         said[0].set_text(f"{said[0].get_text()}\n{text}")
     elif text:
         ax.text(
-            0.02, 0.02, text, transform=ax.transAxes, fontsize=6, ha="left", va="bottom",
+            0.02, 0.02, text, transform=ax.transAxes, fontsize="x-small", ha="left", va="bottom",
             gid="remarks",
         )  # fmt: skip
 
@@ -238,6 +251,6 @@ def save_trade(table: Table, path: str | Path) -> None:
     questions = list(dict.fromkeys((row.scene, row.measure) for row in table.rows))
     if not questions:
         raise InvalidArgument("the table has no rows: nothing to draw")
-    note = "{processor}, Pinocchio {pinocchio}; hollow: said to be inaccurate"
+    note = "{processor}, Pinocchio {pinocchio}; hollow: status inaccurate"
     draw = [partial(work_precision, table, *question) for question in questions]
     save_panels(draw, path, size=(4.0, 3.4), columns=3, note=note, machine=table.machine)

@@ -1,10 +1,14 @@
 """Diagrams: of motions, of contacts that open and slide, of balance, and of scenes.
 
-Each takes axes of matplotlib, or makes a figure, and returns the axes.
+Each draws on axes of matplotlib, or on a new figure, and returns the axes. For a paper:
+
+    with plots.style("paper"):
+        plots.energy(run).figure.savefig("energy.pdf")
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Final
 
@@ -13,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core.arrays import Array, text_of
 from condyn_pin._core.show import COLOURS, axes, labelled_axes, line
+from condyn_pin._core.show import style as style
 from condyn_pin.dynamics.derivatives.solution_derivatives import Derivatives
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -24,6 +29,7 @@ _MODES: Final = ("open", "stick", "slide")
 _HEIGHT: Final = 0.8  # of the bar of a contact
 _OPEN: Final = 0.25  # height of its line while it is open
 _SAME: Final = 1e-3  # [m] supports whose corners are nearer are drawn once
+_SUPPORTS: Final = 8  # polygons of a motion that are drawn: more would hide the paths
 
 
 def violation(trajectory: Trajectory, ax: Any = None) -> Any:
@@ -217,7 +223,7 @@ def modes(trajectory: Trajectory, names: Sequence[str] | None = None, ax: Any = 
     ax.set_ylim(len(chosen) + 0.1, -0.5)
     _mark_events(trajectory, ax)
     labelled_axes(ax, title=_title_of(trajectory), x="t [s]", y="")
-    ax.legend(fontsize=7, frameon=False, loc="lower center", ncols=len(_MODES))  # below all bars
+    ax.legend(fontsize="small", frameon=False, loc="lower center", ncols=len(_MODES))  # below
     return ax
 
 
@@ -237,9 +243,9 @@ def _mark_events(trajectory: Trajectory, ax: Any) -> None:
 
 
 def _title_of(trajectory: Trajectory) -> str:
-    """Return the title of a motion: robot, integrator and step [s]."""
+    """Return the title of a motion: robot, integrator and step [ms]."""
     run = trajectory.run
-    return f"{trajectory.scene.robot.name}: {type(run.integrator).__name__}, dt {run.dt:g} s"
+    return f"{trajectory.scene.robot.name}: {type(run.integrator).__name__}, {1e3 * run.dt:g} ms"
 
 
 def _spans(t: NDArray[Any], holds: NDArray[Any]) -> list[tuple[float, float]]:
@@ -280,7 +286,7 @@ def from_above(
 ) -> Any:
     """Draw the paths of centre of mass, ZMP, CoP and capture point over the support, from above.
 
-    Each path starts at its dot; every support polygon of the motion is an area.
+    Each path starts at its dot; support polygons of the motion are areas, eight at most.
 
     Parameters
     ----------
@@ -302,8 +308,9 @@ def from_above(
     """
     found = _balance_of(trajectory, found)
     ax = axes(ax)
-    for i, corners in enumerate(_supports(found)):
-        ax.fill(*corners.T, facecolor="0.5", edgecolor="0.3", alpha=0.15, lw=0.8,
+    supports = _supports(found)
+    for i, corners in enumerate(supports[:: math.ceil(len(supports) / _SUPPORTS) or 1]):
+        ax.fill(*corners.T, facecolor="0.6", edgecolor="0.4", alpha=0.2, lw=0.8,
                 label="" if i else "support")  # fmt: skip
     ways = {
         "centre of mass": found.com,
@@ -319,6 +326,8 @@ def from_above(
             ax.plot(start[0], start[1], "o", ms=4, color=drawn.get_color(), label="_start")
     labelled_axes(ax, title=_title_of(trajectory), x="x [m]", y="y [m]")
     ax.set_aspect("equal", adjustable="datalim")
+    ax.legend(fontsize="small", frameon=False, loc="upper center", bbox_to_anchor=(0.5, -0.15),
+              ncols=3)  # fmt: skip
     return ax
 
 
@@ -357,7 +366,7 @@ def margins(trajectory: Trajectory, ax: Any = None, *, found: MotionBalance | No
         ax.plot(found.t, values, label=label, **line(i))
     ax.axhline(0.0, color="0.6", lw=0.8)
     _mark_events(trajectory, ax)
-    return labelled_axes(ax, title=_title_of(trajectory), x="t [s]", y="within the support by [m]")
+    return labelled_axes(ax, title=_title_of(trajectory), x="t [s]", y="margin to the edge [m]")
 
 
 def _balance_of(trajectory: Trajectory, found: MotionBalance | None) -> MotionBalance:
@@ -449,7 +458,8 @@ def sparsity(derivatives: Derivatives, ax: Any = None) -> Any:
     rows = [np.abs(np.hstack(row)) for row in blocks]
     marks = np.vstack([row > 1e-12 * row.max(initial=0.0) for row in rows])
     ax = axes(ax)
-    ax.spy(marks, markersize=max(1.0, 120.0 / marks.shape[1]), color=COLOURS[0])
+    size = max(1.0, 200.0 / marks.shape[1])
+    ax.spy(marks, marker="s", markersize=size, color=COLOURS[0])
     for edge in (n, 2 * n):
         ax.axvline(edge - 0.5, color="0.4", lw=0.8)
     if m:
