@@ -213,7 +213,7 @@ def require_pandas() -> Any:
 PICTURES: Final = (".png", ".svg", ".pdf")
 
 
-STYLES: Final[dict[str, dict[str, Any]]] = {
+STYLES: Final[dict[str, Any]] = {
     "screen": {
         "font.size": 10.0, "axes.titlesize": "medium", "legend.fontsize": "small",
         "lines.linewidth": 1.4, "figure.figsize": (6.4, 4.0),
