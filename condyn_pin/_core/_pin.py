@@ -243,7 +243,7 @@ def _lcaba_or_refuse() -> None:
 def pinocchio_features() -> dict[str, str]:
     """Version and optional features of the installed Pinocchio, for `condyn doctor`."""
     return {
-        "pinocchio": f"{pin.__version__} from {Path(pin.__file__).parent}",
+        "pinocchio": f"imported from {Path(pin.__file__).parent}",
         "LCABA": "yes" if HAS_LCABA else "no: needs Pinocchio 4",
         "SDF": "read by condyn_pin itself; the wheels of Pinocchio are built without it",
     }

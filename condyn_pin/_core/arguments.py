@@ -8,6 +8,7 @@ from __future__ import annotations
 import ast
 import inspect
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import fields
 from functools import partial
 from importlib import import_module
 from math import hypot
@@ -215,6 +216,14 @@ def quoted_names(names: Iterable[str]) -> str:
 def count_text(number: int, thing: str) -> str:
     """Number and noun of things: 1 loop, 2 loops."""
     return f"{number} {thing}{'s' * (number != 1)}"
+
+
+def short_repr(value: Any) -> str:
+    """Repr of a dataclass with those parameters that are not at their defaults."""
+    parameters = (
+        f"{f.name}={x!r}" for f in fields(value) if (x := getattr(value, f.name)) != f.default
+    )
+    return f"{type(value).__name__}({', '.join(parameters)})"
 
 
 # What parameters may be, and their sentences in errors.

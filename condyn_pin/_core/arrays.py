@@ -122,6 +122,24 @@ def text_of(value: object) -> str:
     return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..."
 
 
+_ROUNDING: Final = 1e-8  # numbers that are all smaller are printed as zeros
+
+
+def rounded(values: ArrayLike, *, decimals: int = 4, width: int = 88) -> str:
+    """Text of numbers, rounded to four decimals, or to four digits of the largest; no -0."""
+    x = np.asarray(values, dtype=float)
+    largest = float(np.abs(x, where=np.isfinite(x), out=np.zeros_like(x)).max(initial=0.0))
+    if _ROUNDING < largest < 0.1:
+        decimals = max(decimals, 3 - int(np.floor(np.log10(largest))))
+    whole = np.round(x, decimals) + 0.0
+    return np.array2string(whole, precision=decimals, suppress_small=True, max_line_width=width)
+
+
+def in_column(values: Mapping[str, float]) -> list[tuple[str, str]]:
+    """Names and numbers as a column, to four decimals and aligned at the point; no -0."""
+    return [(name, f"{round(float(x), 4) + 0.0:10.4f}") for name, x in values.items()]
+
+
 def finite_rows(name: str, value: ArrayLike, size: int) -> Array:
     """Float array of one row of numbers or many, (..., size), checked as by `finite`."""
     try:

@@ -86,17 +86,24 @@ def _module(name: str, protocol: int, missing: str) -> Any:
     return module
 
 
+_CORE: Final = "compiled core"
+
+
 def core_features() -> dict[str, str]:
     """Availability of the compiled core, ticks and recursions, for `condyn doctor`."""
     found = {}
+    try:
+        import_module("condyn_pin_native")
+    except ImportError:
+        return {_CORE: f"no, and so no control ticks, no ConstrainedABA, no PV: {BUILD}"}
     try:
         module = compiled()
         flags = f"for {module.arch}" if module.arch else "by default flags"
         built = f"from headers of Pinocchio {module.pinocchio}, {flags} ({module.simd})"
         used = "used by default" if is_compiled("auto") else f"not used: {VARIABLE}=python"
-        found["compiled core"] = f"yes, {used}, {built}"
+        found[_CORE] = f"yes, {used}, {built}"
     except MissingExtra as error:
-        found["compiled core"] = f"no: {error}"
+        found[_CORE] = f"no: {error}"
     try:
         compiled_tick()
         found["compiled control ticks"] = "yes, built with the compiled core"

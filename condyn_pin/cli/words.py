@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from math import inf
-from typing import Any, TypeVar, cast
+from typing import Any, Final, TypeVar, cast
 
 import numpy as np
 
@@ -155,11 +155,16 @@ def solvers_of(names: str) -> tuple[Solver, ...]:
     )
 
 
+# Names by which everybody knows them.
+ALIASES: Final = {"rk4": "RungeKutta4", "euler": "SemiImplicitEuler"}
+
+
 def integrator_of(text: str | None) -> Integrator | None:
     """Return the integrator of a name, or of a call: ``Moreau(contact=ADMM(tolerance=1e-6))``."""
     if text is None:
         return None
-    made = _registry_entry("integrator", text.partition("(")[0].strip(), INTEGRATORS)
+    name = text.partition("(")[0].strip()
+    made = _registry_entry("integrator", ALIASES.get(name.lower(), name), INTEGRATORS)
     try:
         return made(**read_call(text).parameters_made(SCHEMES))
     except KeyError as error:

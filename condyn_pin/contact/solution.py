@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import check_accuracy_of_a, check_type
-from condyn_pin._core.arrays import Array, finite, read_only, text_of
+from condyn_pin._core.arguments import check_accuracy_of_a, check_type, count_text
+from condyn_pin._core.arrays import Array, finite, read_only, rounded, text_of
 from condyn_pin._core.show import Outcome
 from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.contact.indeterminacy import Indeterminacy, by_rule, is_determined
@@ -207,13 +207,13 @@ class ContactSolution:
         impulses = self.problem.level == "impulse"
         lines = [
             f"{self.status.word} in {1e6 * self.solve_time:.1f} us, "
-            f"{self.iterations} iterations of {', '.join(self.path) or 'nothing'}",
+            f"{count_text(self.iterations, 'iteration')} of {', '.join(self.path) or 'nothing'}",
             *(f"{name:<16} {size:.1e}" for name, size in self.residuals._asdict().items()),
             f"{'impulses' if impulses else 'forces'} on the robot, axes of each contact "
             f"[{'N s' if impulses else 'N'}]:",
         ]
         for name, force in self.forces.items():
-            lines.append(f"{name:<28} {np.array2string(force, precision=4, suppress_small=True)}")
+            lines.append(f"{name:<28} {rounded(force)}")
         lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)
 

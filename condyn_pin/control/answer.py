@@ -10,7 +10,8 @@ from typing import NamedTuple
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, Indices
+from condyn_pin._core.arguments import count_text
+from condyn_pin._core.arrays import Array, Indices, in_column
 from condyn_pin._core.show import Outcome
 from condyn_pin.constraints.rows.bound import Terms, largest_torque
 from condyn_pin.contact.cones import Cones, Margin, margins
@@ -197,8 +198,8 @@ class ControlAnswer:
     def __repr__(self) -> str:
         return (
             f"ControlAnswer({self.scene.robot.name}: {self.status.name}, "
-            f"{len(self.active)} active rows, kkt {self.residuals.kkt:.1e}, "
-            f"by {', '.join(self.path)})"
+            f"{count_text(len(self.active), 'active row')}, kkt {self.residuals.kkt:.1e}, "
+            f"by {', '.join(each.partition('(')[0] for each in self.path)})"
         )
 
     def __str__(self) -> str:
@@ -206,7 +207,7 @@ class ControlAnswer:
         if self.infeasible:
             lines.append(str(self.infeasible))
         else:
-            lines += [f"{name:<28} {value:.6g} N m" for name, value in self.torques.items()]
+            lines += [f"{name:<28} {text} N m" for name, text in in_column(self.torques)]
             lines += [f"at its bound: {row}" for row in self.active]
         lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)

@@ -306,8 +306,9 @@ class Controller(OneThread):
         named = repr(self.tasks)
         if not isinstance(self.tasks, Hierarchy):
             named = f"[{', '.join(task.name for task in self.tasks)}]"
+        held = ", ".join(self.scene.names) or "nothing"
         by = ", compiled core" if self._tick else ""
-        return f"Controller({self.scene.robot.name}, {list(self.scene.names)}: {named}{by})"
+        return f"Controller({self.scene.robot.name} on {held}: {named}{by})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own

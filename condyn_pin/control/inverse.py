@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import count_text, listed
-from condyn_pin._core.arrays import Array, check_overflow, finite
+from condyn_pin._core.arrays import Array, check_overflow, finite, in_column
 from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.constraints.places import FrameLike, frame_text
@@ -321,7 +321,7 @@ class InverseDynamics:
 
     def __str__(self) -> str:
         lines = [repr(self), "torques of the motors [N m, N]:"]
-        lines += [f"{name:<28} {value:.6g}" for name, value in self.torques.items()]
+        lines += [f"{name:<28} {text}" for name, text in in_column(self.torques)]
         lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)
 

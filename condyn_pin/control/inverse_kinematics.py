@@ -38,6 +38,7 @@ from condyn_pin._core.arguments import (
     check_flag,
     check_type,
     checked_names,
+    count_text,
     listed,
     normalised,
 )
@@ -143,7 +144,8 @@ class InverseKinematics:
         lines += [f"{name:<28} {_size(e):.3g} from its target" for name, e in self.errors.items()]
         lines += [f"{name:<28} open by {gap}" for name, gap in self.violation.items()]
         lines += [f"at limits: {listed(self.at_limits)}"] if self.at_limits else []
-        lines += [f"{self.iterations} iterations, attempt {self.attempts}, slope {self.slope:.1e}"]
+        steps = count_text(self.iterations, "iteration")
+        lines += [f"{steps}, attempt {self.attempts}, slope {self.slope:.1e}"]
         return "\n".join(lines)
 
 

@@ -22,7 +22,7 @@ from typing import Final
 import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
-from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.arrays import Array, read_only, rounded
 from condyn_pin._core.models import whole_data
 from condyn_pin.constraints.forces import AppliedForce, Loads
 from condyn_pin.dynamics.at_state import equations_of, left_out_at, moves_back
@@ -75,10 +75,9 @@ class Bearing:
         return np.asarray((self.wrench.reshape(2, 3) @ self._rotation.T).ravel())
 
     def __repr__(self) -> str:
-        numbers = np.array2string(self.wrench, precision=4, suppress_small=True)
         free = [axis for axis, known in zip(_AXES, self.determined, strict=True) if not known]
         unknown = f"; {', '.join(free)} not determined" if free else ""
-        return f"Bearing({self.name}: {numbers}{unknown})"
+        return f"Bearing({self.name}: {rounded(self.wrench)}{unknown})"
 
 
 def bearings(

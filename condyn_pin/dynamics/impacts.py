@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, check_overflow, finite
+from condyn_pin._core.arrays import Array, check_overflow, finite, rounded
 from condyn_pin._core.jacobian import Block, Jacobian
 from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import largest_violation
@@ -120,8 +120,7 @@ class Impact(Jacobian):
         if self.scene.rows:
             lines.append("impulses on the first-named body, axes of each constraint [N s, N m s]:")
         for name, impulse in self.impulses.items():
-            numbers = np.array2string(impulse.components, precision=4, suppress_small=True)
-            lines.append(f"{name:<28} {numbers}")
+            lines.append(f"{name:<28} {rounded(impulse.components)}")
         lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)
 

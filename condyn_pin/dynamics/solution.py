@@ -11,8 +11,8 @@ import numpy as np
 
 from condyn_pin._core import show, tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import renamed
-from condyn_pin._core.arrays import Array, ArrayValue, read_only
+from condyn_pin._core.arguments import count_text, renamed
+from condyn_pin._core.arrays import Array, ArrayValue, read_only, rounded
 from condyn_pin._core.linalg import redundant_rows
 from condyn_pin._core.show import require_pandas
 from condyn_pin.constraints.constraint import Constraint
@@ -34,7 +34,6 @@ if TYPE_CHECKING:
 _NAMED: Final = 0.1
 
 # Of the numbers in a print.
-_WIDTH: Final = 88
 
 # Why an answer is not ok, and what repairs a state; the rest of a status is what else may help.
 _INACCURATE: Final = "the two equations do not hold well enough for the requested accuracy"
@@ -399,20 +398,19 @@ class Solution:
 
     def __str__(self) -> str:
         lines = [
-            f"{self.status.word} in {1e6 * self.solve_time:.1f} us, {self.iterations} iterations",
+            f"{self.status.word} in {1e6 * self.solve_time:.1f} us, "
+            f"{count_text(self.iterations, 'iteration')}",
             f"dynamics error    {self.dynamics_error:.1e} N, N m",
             f"constraint error  {self.constraint_error:.1e} m/s^2, rad/s^2",
             f"state error       {self.state_error.position:.1e} m, rad; "
             f"{self.state_error.velocity:.1e} m/s, rad/s",
             f"error bound of a  {self.error_bound:.1e} (relative)",
         ]
-        a = np.array2string(self.a, precision=4, suppress_small=True, max_line_width=_WIDTH)
-        lines += ["accelerations a, entries of v [rad/s^2, m/s^2]:", a]
+        lines += ["accelerations a, entries of v [rad/s^2, m/s^2]:", rounded(self.a)]
         if self.scene.rows:
             lines.append("forces on the first-named body, axes of each constraint [N, N m]:")
         for name, force in self.forces.items():
-            numbers = np.array2string(force.components, precision=4, suppress_small=True)
-            lines.append(f"{name:<28} {numbers}")
+            lines.append(f"{name:<28} {rounded(force.components)}")
         lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)
 
@@ -554,9 +552,9 @@ class ConstraintForce(ArrayValue):
         return ends
 
     def __repr__(self) -> str:
-        numbers = np.array2string(self.components, precision=4, suppress_small=True)
-        axes = f", axes of {self.frame}" if self.frame else ""
-        return f"ConstraintForce({self.name}: {numbers} on {self.on} by {self.by}{axes})"
+        axes = f", axes of {self.frame}" if self.frame not in ("", self.on) else ""
+        force = f"{self.name}: {rounded(self.components)}"
+        return f"ConstraintForce({force} on {self.on} by {self.by}{axes})"
 
 
 def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -> tuple[str, ...]:
@@ -733,12 +731,13 @@ def scene_html(scene: Scene) -> str:
 def solution_html(solution: Solution) -> str:
     """Return status, errors, forces and notices of an answer."""
     state, status = solution.state_error, solution.status
+    steps = count_text(solution.iterations, "iteration")
     said = {
         "dynamics error": f"{solution.dynamics_error:.1e} N, N m",
         "constraint error": f"{solution.constraint_error:.1e} m/s², rad/s²",
         "state error": f"{state.position:.1e} m, rad; {state.velocity:.1e} m/s, rad/s",
         "error bound of a": f"{solution.error_bound:.1e} (relative)",
-        "took": f"{1e6 * solution.solve_time:.1f} µs, {solution.iterations} iterations",
+        "time": f"{1e6 * solution.solve_time:.1f} µs, {steps}",
     }
     forces = [
         (name, force.on, force.by, *_six([f"{x:.4f}" for x in force.components]))

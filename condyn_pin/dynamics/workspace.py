@@ -26,6 +26,7 @@ from condyn_pin._core.arguments import (
     State,
     check_accuracy_of_a,
     check_type,
+    short_repr,
     unpack_quaternion,
 )
 from condyn_pin._core.arrays import Array
@@ -313,8 +314,9 @@ class Workspace(OneThread):
     def __repr__(self) -> str:
         settings = self.proximal_settings
         found = f", mu {settings.mu:.3g} 1/kg" if settings else ""
-        said = f"{self.solver!r}{found}{', compiled core' if self.core else ''}"
-        return f"Workspace({self.scene.robot.name}, {self.scene.rows} rows: {said})"
+        of = f"{self.scene.robot.name}, {self.scene.rows} rows"
+        by = ", compiled core" if self.core else ""
+        return f"Workspace({of}: {short_repr(self.solver)}{found}{by})"
 
     @cached_property
     def compiled(self) -> CompiledCore:

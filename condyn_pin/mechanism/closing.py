@@ -38,7 +38,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import normalised, renamed
+from condyn_pin._core.arguments import count_text, normalised, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.show import Outcome
 from condyn_pin.constraints.constraint import Constraint
@@ -379,7 +379,7 @@ class Assembly:
         return NotAssembled(f"{text}; {digits.note}" if digits else text, self)
 
     def __str__(self) -> str:
-        lines = [str(self.status), f"{self.iterations} iterations, rank {self.rank}"]
+        lines = [str(self.status), f"{count_text(self.iterations, 'iteration')}, rank {self.rank}"]
         lines[1] += f", smallest singular value {self.smallest_singular_value:.3g}"
         lines += [f"{name:<28} open by {gap}" for name, gap in self.violation.items()]
         lines += [

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_count, check_type, count_text, normalised
-from condyn_pin._core.arrays import Array, check_overflow, finite
+from condyn_pin._core.arrays import Array, check_overflow, finite, rounded
 from condyn_pin._core.linalg import factorise, rank_of
 from condyn_pin._core.models import indices
 from condyn_pin._core.threads import one_blas_thread
@@ -247,8 +247,7 @@ class CompleteState:
         if self.conflicting:
             lines.append(f"{count_text(self.conflicting, 'condition')} among the motors themselves")
         lines += [
-            f"{label} = {np.array2string(x, precision=6, suppress_small=True)}"
-            for label, x in (("q", self.q), ("v", self.v))
+            f"{label} = {rounded(x, decimals=6)}" for label, x in (("q", self.q), ("v", self.v))
         ]
         return "\n".join(lines)
 

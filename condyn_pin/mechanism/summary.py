@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
+from textwrap import fill
 from typing import Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from condyn_pin.mechanism.rank import Rank
 from condyn_pin.model.robot import Robot
 
 _ROWS_SHOWN = 12
+_COLUMNS = 100  # of a terminal: longer lines are folded
 _ILL_CONDITIONED = 1e12
 _OPEN = "the loops cannot be closed from the first posture: figures are of it, open"
 
@@ -140,16 +142,20 @@ class Summary:
         )  # fmt: skip
 
     def __str__(self) -> str:
-        lines = [f"{label:<16} {text}" for label, text in self.facts().items()]
-        lines += [
-            f"{'constraint':<16} {n}: {kind}, {count_text(rows, 'row')}"
-            for n, kind, rows in self.constraints
-        ]
-        lines += [f"{'contact':<16} {name}: {text}" for name, text in self.contacts]
-        lines += [f"{'not modelled':<16} {text}" for text in self.unmodelled]
-        lines += [f"{'not used':<16} {text}" for text in self.unused]
-        lines += [f"{'note':<16} {text}" for text in self.notes]
-        return "\n".join(lines)
+        lines = list(self.facts().items())
+        rows = ((n, kind, count_text(m, "row")) for n, kind, m in self.constraints)
+        lines += [("constraint", f"{n}: {kind}, {count}") for n, kind, count in rows]
+        lines += [("contact", f"{name}: {text}") for name, text in self.contacts]
+        lines += [("not modelled", text) for text in self.unmodelled]
+        lines += [("not used", text) for text in self.unused]
+        lines += [("note", text) for text in self.notes]
+        return "\n".join(
+            fill(
+                text, _COLUMNS, initial_indent=f"{label:<16} ", subsequent_indent=17 * " ",
+                break_long_words=False, break_on_hyphens=False,
+            )
+            for label, text in lines
+        )  # fmt: skip
 
 
 def summarise(scene: Scene, q: ArrayLike | None) -> Summary:

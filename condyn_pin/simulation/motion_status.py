@@ -20,7 +20,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import check_type
+from condyn_pin._core.arguments import check_type, short_repr
 from condyn_pin._core.arrays import Array, text_of
 from condyn_pin._core.show import Outcome
 from condyn_pin._core.threads import ThreadCache, one_blas_thread
@@ -251,16 +251,8 @@ class Run:
     def choices(self) -> str:
         """Integrator, drift scheme and solver, with parameters that differ from the default."""
         return ", ".join(
-            _short_repr(choice) for choice in (self.integrator, self.drift, self.solver)
+            short_repr(choice) for choice in (self.integrator, self.drift, self.solver)
         )
-
-
-def _short_repr(value: Any) -> str:
-    """Return the repr of a choice with those parameters that are not at their defaults."""
-    parameters = (
-        f"{f.name}={x!r}" for f in fields(value) if (x := getattr(value, f.name)) != f.default
-    )
-    return f"{type(value).__name__}({', '.join(parameters)})"
 
 
 def uninterrupted(motion: Trajectory) -> Trajectory:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
 from os import PathLike
@@ -418,7 +418,7 @@ def trajectory_text(motion: Trajectory) -> str:
             f"{1e3 * run.dt:.4g} ms, {len(motion.t)} samples, {motion.status.word}",
             run.choices,
             run.effects.text(scene.robot),
-            f"took        {run.wall_time:.3g} s, {ratio:.3g} x real time",
+            f"time        {run.wall_time:.3g} s, {ratio:.3g} x real time",
             *_constraint_lines(motion),
             *_energy_lines(energy, is_driven=any(phase.scene.is_driven for phase in motion.phases)),
             *_event_lines(motion),
@@ -446,24 +446,30 @@ def _constraint_lines(motion: Trajectory) -> list[str]:
         deepest = max((-float(np.nanmin(gap)) for gap in motion.gaps.values()), default=0.0)
         last = [its[-1] for its in motion.modes.values()]
         modes = ", ".join(f"{last.count(mode)} {mode}" for mode in MODES if mode in last)
-        lines.append(
-            f"contacts    penetrate by {max(deepest, 0.0):.1e} m, rad at most; at the end {modes}"
-        )
+        lines.append(f"contacts    {max(deepest, 0.0):.1e} m, rad deep at most; at the end {modes}")
     return lines
 
 
+_ROUNDING: Final = 1e-14  # of the largest energy: smaller parts are printed as zero
+
+
 def _energy_lines(energy: Energy, *, is_driven: bool) -> list[str]:
+    least = _ROUNDING * float(np.abs(energy.total).max(initial=0.0))
+
+    def joule(parts: Mapping[str, Array]) -> str:
+        """Energies at the end, those of rounding as zero."""
+        ends = {name: float(x[-1]) for name, x in parts.items()}
+        return ", ".join(f"{name} {0.0 if abs(x) < least else x:.4g} J" for name, x in ends.items())
+
+    work = {"tau and forces": energy.work, "damping": energy.damping, "impacts": energy.impacts}
+    work |= {"contacts": energy.contact} | ({"drives": energy.driven} if is_driven else {})
     lines = [
-        f"energy      {energy.total[0]:.6g} J to {energy.total[-1]:.6g} J; work of tau "
-        f"and forces {energy.work[-1]:.4g} J, of damping {energy.damping[-1]:.4g} J, impacts "
-        f"{energy.impacts[-1]:.4g} J, contacts {energy.contact[-1]:.4g} J"
-        + (f", drives {energy.driven[-1]:.4g} J" if is_driven else "")
+        f"energy      {energy.total[0]:.6g} J to {energy.total[-1]:.6g} J",
+        f"work        {joule(work)}",
     ]
     if energy.correction.any() or energy.algorithmic.any():  # of steps with contacts
-        lines.append(
-            f"            corrections {energy.correction[-1]:.4g} J, algorithmic "
-            f"{energy.algorithmic[-1]:.4g} J"
-        )
+        added = {"corrections": energy.correction, "algorithmic": energy.algorithmic}
+        lines.append(f"            {joule(added)}")
     return [*lines, f"unexplained {np.abs(energy.error).max():.1e} J at most"]
 
 

@@ -13,8 +13,8 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import check_type, joint_torques, step_size
-from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin._core.arguments import check_type, count_text, joint_torques, step_size
+from condyn_pin._core.arrays import Array, finite, read_only, rounded
 from condyn_pin._core.models import algorithms
 from condyn_pin._core.threads import ThreadCache, one_blas_thread
 from condyn_pin.constraints.contacts.candidates import Candidates
@@ -246,18 +246,18 @@ class StepSolution:
         lines = [
             f"{self.scene.robot.name}, a step of {1e3 * self.dt:.4g} ms: {self.status}",
             f"natural residual {self.contact.natural:.1e}; "
-            f"{self.contact.iterations} iterations of {', '.join(self.contact.path)}"
+            f"{count_text(self.contact.iterations, 'iteration')} of {', '.join(self.contact.path)}"
             if self.contact.path
             else "no contact is active",
             f"dynamics    {self.dynamics_error:.1e} N s",
             f"constraints {self.constraint_error:.1e} m/s, {self.violation:.1e} m",
             f"penetration {self.penetration:.1e} m",
-            f"contacts took {self.energy_lost:.4g} J, corrections brought "
-            f"{self.correction_work:.2g} J, the step itself {self.algorithmic_work:.2g} J"
+            f"energy      lost in contacts {self.energy_lost:.4g} J; added by corrections "
+            f"{self.correction_work:.2g} J, by the step itself {self.algorithmic_work:.2g} J"
             + (f", drives {self.driven_work:.4g} J" if self.scene.is_driven else ""),
         ]
         for name, mode in self.modes.items():
-            force = np.array2string(self.forces[name], precision=4, suppress_small=True)
+            force = rounded(self.forces[name])
             gap = f", gap {1e3 * self.gaps[name]:.4g} mm" if name in self.gaps else ""
             lines.append(f"{name:<28} {mode:<6} {force} N{gap}")
         if not self.status.ok:

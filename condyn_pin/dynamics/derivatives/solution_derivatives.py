@@ -124,13 +124,15 @@ class Derivatives(Jacobian):
 
     def __str__(self) -> str:
         n, m = self._n, self._m
-        blocks = [f"d{y}_d{x} {(k, n)}" for y, k in (("a", n), ("lam", m)) for x in self.inputs]
+        blocks = [
+            ", ".join(f"d{y}_d{x} {(k, n)}" for x in self.inputs) for y, k in (("a", n), ("lam", m))
+        ]
         checked = (
-            "not checked by differences; check=True does"
+            "not compared with differences; check=True compares"
             if self.disagreement is None
             else f"differ from central differences by {self.disagreement:.1e} of the largest entry"
         )
-        return "\n".join([repr(self), ", ".join(blocks), checked])
+        return "\n".join([repr(self), *blocks, checked])
 
 
 # Joints whose axes turn with their own q.
