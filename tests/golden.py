@@ -33,7 +33,7 @@ import condyn_pin as cp
 
 # What a clock says, addresses, and files of this program, wherever words have them.
 CLOCKED = re.compile(
-    r"[\d.]+(e[-+]\d+)?( us| ms)\b|(took|time|CPU)  .*|x real time|0x[0-9a-f]{6,}|built in \S+ *"
+    r"[\d.]+(e[-+]\d+)?( us| ms)\b|(took|CPU) .*|time  .*|x real time|0x[0-9a-f]{6,}|built in \S+ *"
 )
 # Fields that are times, or the question itself.
 UNTOLD = re.compile("^_|time|seconds|^scene$|^robot$|^solver$|^actuation$")

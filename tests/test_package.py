@@ -210,3 +210,14 @@ def test_contributing_says_where_everything_is():
     assert not missing, f"the first column of `Where things are` in CONTRIBUTING.md lacks {missing}"
     gone = [each for each in said if not (PACKAGE / each).exists()]
     assert not gone, f"`Where things are` in CONTRIBUTING.md names {gone}, which do not exist"
+
+
+def test_the_workflow_runs_what_ci_runs():
+    """One script decides, on every machine; hooks use the tools that are installed."""
+    root = Path(__file__).parent.parent
+    workflow = (root / ".github" / "workflows" / "ci.yml").read_text("utf-8")
+    assert "- run: bash .ci/run" in workflow
+    assert (root / ".ci" / "run").is_file()
+    hooks = (root / ".pre-commit-config.yaml").read_text("utf-8")
+    assert "repo: local" in hooks
+    assert "https://" not in hooks
