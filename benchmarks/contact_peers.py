@@ -200,7 +200,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     from matplotlib.figure import Figure
 
     scenes, peers = _names(rows, "scene"), _names(rows, "peer")
-    figure = Figure(figsize=(15, 10), layout="constrained")
+    figure = Figure(figsize=(10.5, 7.4), layout="constrained")
     places = figure.subplots(2, 3).ravel()
     curves: dict[tuple[str, str], Any] = {}
     for ax, scene in zip(places, scenes, strict=False):
@@ -214,12 +214,12 @@ def draw(rows: Sequence[Row], path: Path) -> None:
                     color=COLOURS[i], ls=_DASHES[k], marker=_MARKERS[k], ms=4, lw=1.0,
                 )[0]  # fmt: skip
         ax.set(xscale="log", yscale="log", title=scene, ylabel="error [m]")
-        ax.set(xlabel="time for 1 ms of motion / one step of MuJoCo's default")
+        ax.set(xlabel="time of 1 ms over a step of MuJoCo")
         ax.grid(visible=True, color="0.92")
     names = [f"{peer}: {method}" for peer, method in curves]
     places[-1].axis("off")
-    places[-1].legend(list(curves.values()), names, loc="center", frameon=False, fontsize=9)
-    write_figure(figure, path, dpi=110)
+    places[-1].legend(list(curves.values()), names, loc="center", frameon=False, fontsize=7)
+    write_figure(figure, path, dpi=140)
 
 
 # --- four_bar

@@ -167,7 +167,7 @@ def relative(lam: Array, right: Array) -> float:
 
 
 def over_noise(subject: Subject) -> list[dict[str, Any]]:
-    """Return the worst errors by noise: as it is, and with every row at its word."""
+    """Return the worst errors by noise: as it is, and if every row counts."""
     robot, found = subject.scene.robot, []
     exact = cp.Scene(cp.model.Robot(**_fields(robot), precision=0.0), subject.scene.constraints)
     for noise in NOISES:
@@ -333,7 +333,7 @@ def draw(saved: Mapping[str, Any], path: Path) -> None:
         all_rows = [row["all_rows"] for row in rows]
         ax.loglog(noise, all_rows, color="0.7", ls="--", lw=0.8, zorder=1)
         ax.loglog(noise, [max(row["a"], 1e-16) for row in rows], label=name, **line(i), zorder=2)
-    ax.plot([], [], color="0.7", ls="--", lw=0.8, label="every row at its word")
+    ax.plot([], [], color="0.7", ls="--", lw=0.8, label="every row counts")
     labelled_axes(ax, title="", x="noise of q and v [rad, m; and per second]", y="worst error of a")
     ax.set_ylim(1e-16, 1e4)
     ax.legend(fontsize=6.5, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))

@@ -110,7 +110,7 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
     """Draw error against CPU seconds, one panel a problem, one line a method."""
     names = list(dict.fromkeys(row["problem"] for row in rows))
     lines = Lines(dict.fromkeys(_method(row) for row in rows))
-    figure, places = panels(len(names), width=14 / 3, height=4.5, columns=3)
+    figure, places = panels(len(names), width=3.4, height=3.2, columns=3)
     for ax, name in zip(places, names, strict=False):
         curves: dict[str, list[dict[str, Any]]] = {}
         for row in rows:
@@ -120,12 +120,16 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
             points.sort(key=lambda row: row["cpu_seconds"])
             x, y = ([row[key] for row in points] for key in ("cpu_seconds", "error"))
             ax.plot(x, y, **lines.of(method))
-        ax.set(title=name, xlabel="CPU [s]", ylabel="error", xscale="log", yscale="log")
+        ax.set(
+            title=name, xlabel="CPU time [s]", ylabel="error of the problem", xscale="log", yscale="log"
+        )
         ax.set_ylim(1e-15, 10.0)  # what broke down is off the picture
         ax.xaxis.set_minor_formatter("")
         ax.grid(visible=True, color="0.92")
-    figure.legend(handles=lines.legend(), loc="outside lower center", ncols=5, frameon=False)
-    figure.savefig(path, dpi=110)
+    figure.legend(
+        handles=lines.legend(), loc="outside lower center", ncols=4, frameon=False, fontsize=8
+    )
+    figure.savefig(path, dpi=140)
 
 
 def _method(row: dict[str, Any]) -> str:

@@ -462,6 +462,9 @@ def _of_mujoco(method: str) -> dict[str, Any]:
     return {"color": colour, "marker": _STEPS[integrator], "ls": "", "ms": 7, "zorder": 3}
 
 
+_ERRORS = {"violation": "largest gap", "energy": "largest energy error"}
+
+
 def draw(rows: Sequence[Row], path: Path) -> None:
     """Draw gap and energy error against time, a column a linkage."""
     from matplotlib.figure import Figure
@@ -469,7 +472,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
 
     names = list(dict.fromkeys(row.problem for row in rows))
     lines = Lines(dict.fromkeys(row.method for row in rows if row.engine == PYTHON))
-    figure = Figure(figsize=(6 * len(names), 10), layout="constrained")
+    figure = Figure(figsize=(4.6 * len(names), 8.4), layout="constrained")
     places = figure.subplots(2, len(names), squeeze=False)
     for j, name in enumerate(names):
         kept = [
@@ -485,7 +488,7 @@ def draw(rows: Sequence[Row], path: Path) -> None:
                 x = [row.us for row in points]
                 y = [max(getattr(row, field), 1e-17) for row in points]
                 ax.plot(x, y, **(_of_mujoco(method) if engine == "MuJoCo" else lines.of(method)))
-            ax.set(xscale="log", yscale="log", title=f"{name}: {field} error [{unit}]")
+            ax.set(xscale="log", yscale="log", title=name, ylabel=f"{_ERRORS[field]} [{unit}]")
             ax.set(xlabel="CPU time per simulated ms [us]", ylim=(None, LOST))
             ax.grid(visible=True, color="0.92")
     theirs = [
@@ -493,8 +496,8 @@ def draw(rows: Sequence[Row], path: Path) -> None:
         for method in dict.fromkeys(row.method for row in rows if row.engine == "MuJoCo")
     ]
     shown = theirs + lines.legend()
-    figure.legend(handles=shown, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
-    figure.savefig(path, dpi=130)
+    figure.legend(handles=shown, loc="outside lower center", ncols=3, frameon=False, fontsize=7)
+    figure.savefig(path, dpi=150)
 
 
 SUBJECTS = [
