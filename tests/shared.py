@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import inspect
 import subprocess
 import sys
 from collections.abc import Callable, Collection, Iterable
@@ -196,6 +197,36 @@ each_exact_solver = pytest.mark.parametrize(
     [s() for s in SOLVERS.values() if s.exact],
     ids=[name for name, s in SOLVERS.items() if s.exact],
 )
+
+
+def each_row(names: str | Collection[str], rows: object) -> Callable:
+    """Give a test every row of a table, as one case that lists the rows that fail.
+
+    Of one name a row is its value, of several it is a tuple; those of a dictionary have labels.
+    """
+    names = names.split(",") if isinstance(names, str) else names
+    labelled = rows if isinstance(rows, dict) and len(names) > 1 else dict(enumerate(rows))
+
+    def decorated(test: Callable) -> Callable:
+        @functools.wraps(test)
+        def every(**fixtures: object) -> None:
+            failed = []
+            for label, row in labelled.items():
+                values = row if len(names) > 1 else (row,)
+                try:
+                    test(**dict(zip(names, values, strict=True)), **fixtures)
+                except (Exception, pytest.fail.Exception) as error:
+                    error.add_note(f"row {label!r}: {values!r}"[:400])
+                    failed.append(error)
+            if failed:
+                raise BaseExceptionGroup(f"{len(failed)} of {len(labelled)} rows", failed)
+
+        signature = inspect.signature(test)
+        fixtures = [p for name, p in signature.parameters.items() if name not in names]
+        every.__signature__ = signature.replace(parameters=fixtures)
+        return every
+
+    return decorated
 
 
 def takes(solver: cp.dynamics.Solver, scene: cp.Scene) -> bool:

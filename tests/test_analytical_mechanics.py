@@ -8,7 +8,7 @@ import pytest
 import sympy as sp
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
-from shared import robot
+from shared import each_row, robot
 
 import condyn_pin as cp
 from condyn_pin.constraints import Coupling, Driven, HeldJoint, Sine
@@ -290,7 +290,7 @@ def test_ackermanns_trapezoid_comes_near_his_condition():
         assert abs(right - ideal) < 0.1 * left
 
 
-@pytest.mark.parametrize("call", [lambda: cp.model.car(trailers=1.5),
+@each_row("call", [lambda: cp.model.car(trailers=1.5),
                                   lambda: cp.model.car(wheelbase=0.0),
                                   lambda: cp.model.ackermann(arm=-1.0)])  # fmt: skip
 def test_cars_refuse(call):

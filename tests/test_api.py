@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from shared import each_row
 
 import condyn_pin as cp
 
@@ -204,7 +205,7 @@ RULES = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)
+@each_row("rule", RULES)
 def test_public_names_are_documented(rule):
     names = [name for name in PUBLIC if name in FUNCTIONS or name in CLASSES]
     assert len(names) > 150

@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import BLOCKS, SOLVERS, all_scenes, central, robot, states
+from shared import BLOCKS, SOLVERS, all_scenes, central, each_row, robot, states
 
 import condyn_pin as cp
 from condyn_pin.constraints.forces import Loads
@@ -327,7 +327,7 @@ def test_errors_name_the_force():
                 call(q, still, still, forces=wrong)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("arguments", "said"),
     [
         (("", FORCE), "frame = ''"),

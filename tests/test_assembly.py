@@ -12,7 +12,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from shared import CLOSED, all_scenes, each_scene, robot
+from shared import CLOSED, all_scenes, each_row, each_scene, robot
 
 import condyn_pin as cp
 from condyn_pin.mechanism.closed_chains import chains_of
@@ -133,7 +133,7 @@ def test_bars_in_line_are_left_sideways():
 # --- fixed joints
 
 
-@pytest.mark.parametrize("rocker", [0.2, 0.3, 0.45])
+@each_row("rocker", [0.2, 0.3, 0.45])
 def test_what_cannot_be_reached_ends_at_the_smallest_gap(rocker):
     """The rocker held where crank and coupler together are too short: they end in line."""
     scene = bar_scene()
@@ -566,7 +566,7 @@ def test_a_flat_parallelogram_is_not_left_for_the_other_linkage(past):
         cp.mechanism.complete_state(scene, [flat], near=[flat, -flat, flat])
 
 
-@pytest.mark.parametrize("n", [1, 2, 3])
+@each_row("n", [1, 2, 3])
 def test_bars_in_a_row_are_not_folded_in_passing(n):
     """With n loops flat at once the sign changes n times."""
     bars = cp.model.n_four_bar(n=n)
@@ -621,10 +621,10 @@ def test_more_motors_than_freedoms_are_in_conflict():
 
 
 def case(text, call):
-    return pytest.param(call, text, id=text)
+    return call, text
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "text"),
     [
         case("branch = 'open'", lambda s: s.assemble(np.ones(3), branch="open")),
@@ -707,7 +707,7 @@ def test_what_cannot_be_closed_is_masked():
     assert mask.shape == (0,)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("angles", "joints", "words"),
     [
         (np.zeros(2), None, "a row for each robot"),

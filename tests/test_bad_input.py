@@ -14,7 +14,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from shared import HAS_LCABA, unsupported_constraints
+from shared import HAS_LCABA, each_row, unsupported_constraints
 
 import condyn_pin as cp
 
@@ -41,7 +41,7 @@ def scene(name: str) -> cp.Scene:
 
 
 def refused(cases: dict[str, Case]):
-    return pytest.mark.parametrize(("call", "text"), cases.values(), ids=cases)
+    return each_row(("call", "text"), cases)
 
 
 def assert_refused(call: Callable[[], Any], text: str) -> None:
@@ -135,7 +135,7 @@ def test_placements_that_are_no_rotation_are_refused(text, R):
     assert_refused(lambda: cp.Robot("a", framed), f"placement of frame 'tool' .*{text}")
 
 
-@pytest.mark.parametrize("size", [5e-324, 1e-310, 1e-155, 1.0, 1e49])
+@each_row("size", [5e-324, 1e-310, 1e-155, 1.0, 1e49])
 def test_directions_and_quaternions_of_any_length_are_units(size):
     """Of subnormal numbers math.hypot takes no length."""
     plane = cp.constraints.PlanarContact("a", normal=(size, -size, 0.0))
@@ -154,7 +154,7 @@ def one_body(inertia: pin.Inertia) -> pin.Model:
     return model
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("edit", "said"),
     [
         (lambda m: m.damping.__setitem__(1, -0.5), r"damping of joint 'coupler' is -0\.5"),
@@ -172,7 +172,7 @@ def test_damping_that_drives_and_gravity_that_turns_are_refused(edit, said):
         cp.Robot("bar", model)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("moments", "mass", "text"),
     [
         ([1.0, -1.0, 1.0], 1.0, "'j' has the principal moment -1 kg m.2, which is negative"),
@@ -315,7 +315,7 @@ def test_mechanisms_refuse_what_is_larger_than_any_machine(make, argument, value
     assert_refused(lambda: make(2, **{argument: value}), rf"^{argument} = .*no machine")
 
 
-@pytest.mark.parametrize("value", [0, -1.0, np.nan, np.inf, "long", None, [1.0]], ids=repr)
+@each_row("value", [0, -1.0, np.nan, np.inf, "long", None, [1.0]])
 def test_mechanisms_refuse_what_is_not_a_length(value):
     for make, arguments in (
         (cp.model.pendulum, ("length", "mass")),
@@ -343,9 +343,7 @@ NAMES: dict[Any, str] = {
 }
 
 
-@pytest.mark.parametrize(
-    ("name", "text"), [*NAMES.items(), (["talos"], "^name = .*a name or a path")], ids=repr
-)
+@each_row(("name", "text"), [*NAMES.items(), (["talos"], "^name = .*a name or a path")])
 def test_load_robot_refuses_names_and_paths(name, text):
     assert_refused(lambda: cp.load_robot(name), text)
 
@@ -535,7 +533,7 @@ SAID = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("card", "text"), SAID.values(), ids=SAID)
+@each_row(("card", "text"), SAID)
 def test_a_wrong_card_is_refused_in_the_words_of_the_file(tmp_path, card, text):
     (tmp_path / "arm.urdf").write_text(f"<robot name='arm'>{A}{B}{J}</robot>")
     (tmp_path / "robot.toml").write_text('name = "x"\n' + card)
@@ -852,7 +850,7 @@ def test_what_says_ok_is_right(name, method, exponent, iterations):
             cp.Workspace(scene(name), solver)
 
 
-@pytest.mark.parametrize("name", SCENES_OF_PROMISE)
+@each_row("name", SCENES_OF_PROMISE)
 def test_no_solver_says_ok_by_default_and_is_wrong(name):
     for solver in SOLVERS:
         if not unsupported_constraints(scene(name), solver):
@@ -921,7 +919,7 @@ COUNTS = {
 }
 
 
-@pytest.mark.parametrize("name", COUNTS)
+@each_row("name", COUNTS)
 def test_a_count_is_a_whole_number_of_python_or_numpy(name):
     COUNTS[name](2)
     COUNTS[name](np.int64(2))
@@ -1071,7 +1069,7 @@ STATE_VERBS = {
 }
 
 
-@pytest.mark.parametrize("verb", STATE_VERBS)
+@each_row("verb", STATE_VERBS)
 def test_one_rule_for_the_quaternion_of_a_state(verb):
     """Six digits are enough, any other length is refused, a zero and NaN too."""
     scene = free_box()
@@ -1127,14 +1125,14 @@ def test_steps_of_any_other_size_have_a_status(scheme, dt):
 # --- files and ports
 
 
-@pytest.mark.parametrize("port", [-1, 65536, "x", True, 80.5, None])
+@each_row("port", [-1, 65536, "x", True, 80.5, None])
 def test_ports_that_are_none_are_refused(port):
     pytest.importorskip("meshcat")
     with pytest.raises(cp.InvalidArgument, match=r"^port = .*from 1 to 65535 is needed, or 0"):
         cp.view(cp.model.pendulum(), port=port, browser=False)
 
 
-@pytest.mark.parametrize("path", [3, None, "a\0b"])
+@each_row("path", [3, None, "a\0b"])
 def test_names_of_files_that_are_none_are_refused(path):
     with pytest.raises(cp.InvalidArgument, match="the name of a file is needed"):
         moved().save(path)

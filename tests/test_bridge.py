@@ -19,7 +19,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from referee import MujocoReferee
-from shared import axis_of
+from shared import axis_of, each_row
 from shell import condyn
 
 import condyn_pin as cp
@@ -297,7 +297,7 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("case", REFUSED)
+@each_row("case", REFUSED)
 def test_what_does_not_correspond_is_refused(case):
     make, said = REFUSED[case]
     model, more = make()
@@ -340,7 +340,7 @@ BAD_STATES = {
 }
 
 
-@pytest.mark.parametrize("case", BAD_STATES)
+@each_row("case", BAD_STATES)
 def test_bad_states_are_refused(case):
     robot = every_joint()
     bridge = cp.study.MujocoBridge(robot, mujoco_of(robot))
@@ -492,9 +492,7 @@ WRONG = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("field", "joint", "change", "term", "said"), WRONG, ids=[" ".join(one[:2]) for one in WRONG]
-)
+@each_row(("field", "joint", "change", "term", "said"), WRONG)
 def test_what_is_wrong_is_seen_and_named(field, joint, change, term, said):
     cassie, q, v = cassie_and_state()
     model = mujoco_of(cassie)

@@ -10,7 +10,7 @@ import numpy as np
 import oracle as decimals
 import pinocchio as pin
 import pytest
-from shared import all_scenes, relative, states
+from shared import all_scenes, each_row, relative, states
 
 import condyn_pin as cp
 
@@ -146,7 +146,7 @@ def test_derivatives_keep_what_cancels(seed):
     assert abs(by_q @ dq + by_v @ dv - weights @ wanted) < 1e-5 * size
 
 
-@pytest.mark.parametrize("seed", [288, 1472, 10318])
+@each_row("seed", [288, 1472, 10318])
 def test_pinocchios_own_derivatives_are_not_those_of_a_damped_matrix(seed):
     """With redundant rows, where mu is a millionth of G and not next to nothing."""
     p = quiet(seed)

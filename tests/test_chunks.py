@@ -16,6 +16,7 @@ from typing import Any
 import crash
 import pytest
 from lost import kill_once
+from shared import each_row
 
 import condyn_pin as cp
 
@@ -68,7 +69,7 @@ def loses_nothing(start_method: str, mark: str) -> None:
     assert seen == [(i + 1, 10) for i in range(10)]
 
 
-@pytest.mark.parametrize("start_method", ["spawn", "forkserver", "fork"])
+@each_row("start_method", ["spawn", "forkserver", "fork"])
 def test_a_killed_worker_loses_nothing(start_method, tmp_path):
     """In an interpreter of its own: a fork of this one would copy the locks of its threads."""
     call = f"test_chunks.loses_nothing({start_method!r}, {str(tmp_path / 'mark')!r})"
@@ -179,7 +180,7 @@ def test_stopping_early_cancels_what_nobody_has_begun():
     assert results(square, None) == SQUARES
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "words"),
     [
         *(
@@ -243,13 +244,10 @@ with {pool} as executor:
 """
 
 
-@pytest.mark.parametrize(
-    "pool",
-    [
+@each_row("pool", [
         "cp.Processes(2)", "cp.Processes(1, start_method='forkserver')",
         "ProcessPoolExecutor(2, get_context('spawn'))",
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_a_script_without_a_guard_is_told_so_at_once(pool, tmp_path):
     """No worker is started a second time: each would do the work of the script again."""
     done = run_script(UNGUARDED.format(pool=pool), tmp_path / "script.py")

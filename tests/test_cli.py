@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from shared import SOLVERS
+from shared import SOLVERS, each_row
 from typer.testing import CliRunner
 
 import condyn_pin as cp
@@ -237,7 +237,7 @@ def test_what_control_cannot_do_is_named_and_exits_with_one():
     assert answer["tau"] == [None] * 18
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("line", "said"),
     [
         ("--up nan", "--up = nan"),

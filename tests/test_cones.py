@@ -12,7 +12,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 from scipy.optimize import linprog
-from shared import robot
+from shared import each_row, robot
 
 import condyn_pin as cp
 from condyn_pin.constraints import Constraint, KnifeEdge, LineContact, PlanarContact, RollingBall
@@ -493,7 +493,7 @@ def test_cones_are_values():
     assert type(rounded.half_length) is type(rounded.half_width) is float
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("make", "message"),
     [
         (lambda: FrictionCone(-0.1), r"friction = -0\.1: a coefficient is not negative"),
@@ -527,7 +527,7 @@ def test_bad_numbers_are_refused(make, message):
         make()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("contact", "cone", "message"),
     [
         (

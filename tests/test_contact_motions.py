@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin.constraints import Ball, Box, FrictionalContact, JointFriction, JointLimit, Plane
@@ -175,7 +176,7 @@ def test_what_is_not_finite_is_not_ok(scheme: cp.simulation.ContactScheme, heigh
         cp.simulate(scene, q, np.full(6, 1e200), duration=0.01, integrator=scheme)
 
 
-@pytest.mark.parametrize("scheme", [*SCHEMES, EventDriven(), cp.RungeKutta4()])
+@each_row("scheme", [*SCHEMES, EventDriven(), cp.RungeKutta4()])
 def test_a_function_that_returns_nan_is_named(scheme: cp.simulation.Integrator) -> None:
     """It is to blame, and neither the masses nor the size of the step."""
     scene = ball_scene() if scheme.takes_contacts else ball_scene().closed()

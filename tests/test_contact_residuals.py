@@ -7,6 +7,7 @@ import pytest
 from contact_problems import missed_by_a_cone, onto_cone
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shared import each_row
 
 from condyn_pin.contact import ContactProblem, ContactSets, contact_residuals, natural_residual
 from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactsInModes
@@ -29,7 +30,7 @@ def broken(residuals) -> set[str]:
     return {name for name in NAMES if getattr(residuals, name) > 1e-12}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("sigma", "lam"),
     [
         ((0.3, 0.1, 0.2), (0.0, 0.0, 0.0)),  # open
@@ -42,7 +43,7 @@ def test_nothing_is_missed_where_the_law_holds(sigma, lam):
     assert broken(one(sigma, lam)) == set()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("sigma", "lam", "missed"),
     [
         # pulls
@@ -98,7 +99,7 @@ def test_without_friction_only_the_normal_is_asked():
     assert broken(one((0, 0, 0), (0, 0, -1), mu=0.0)) == {"cone", "natural"}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("s", "l", "missed"),
     [
         (0.0, 2.0, set()),
@@ -113,7 +114,7 @@ def test_stops(s, l, missed):  # noqa: E741
     assert broken(contact_residuals(problem, np.array([l]))) == missed
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("s", "l", "missed"),
     [
         (0.0, 0.5, set()),

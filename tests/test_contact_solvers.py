@@ -23,6 +23,7 @@ from contact_problems import (
 )
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin._core import _pin
@@ -489,7 +490,7 @@ def test_sap_takes_compliance_below_the_rounding_of_g():
     assert found.status.ok == (found.natural <= CONTACT_SOLVED)
 
 
-@pytest.mark.parametrize("name", ["admm", "pgs", "semismoothnewton", "lemke"])
+@each_row("name", ["admm", "pgs", "semismoothnewton", "lemke"])
 def test_what_no_impulse_can_do_is_said_by_name(name):
     G = np.zeros((6, 6))
     G[:3, :3] = np.eye(3)
@@ -572,7 +573,7 @@ def test_velocities_whose_squares_vanish_are_rest():
         assert found.status.ok or found.status is ContactStatus.INACCURATE, name
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("change", "said"),
     [
         ({"g": [0, np.nan, 0]}, r"g\[1\] = nan"),

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import robot
+from shared import each_row, robot
 
 import condyn_pin as cp
 from condyn_pin.constraints import (
@@ -225,7 +225,7 @@ def test_no_contacts_is_a_scene_as_before():
 # ---- what is refused --------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("make", "words"),
     [
         (lambda: FrictionalContact("FL_FOOT"), "friction is missing"),
@@ -257,7 +257,7 @@ def test_bad_fields_are_named(make, words):
     assert words in str(error.value)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("contact", "kind", "words"),
     [
         (FrictionalContact("no_foot", friction=1), UnknownName, "no frame named 'no_foot'"),
@@ -453,7 +453,7 @@ def test_feet_without_a_size_are_refused():
 # ---- files ------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(
+@each_row(
     "contact",
     [
         FrictionalContact("a", Capsule(0.1, 0.2), (1, 2, 3), TILTED, friction=0.1, name="b"),

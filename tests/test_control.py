@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from motions import body
 from own_task import nearest, own_task, still
-from shared import robot
+from shared import each_row, robot
 
 import condyn_pin as cp
 from condyn_pin._core import tolerances
@@ -286,7 +286,7 @@ def test_points_of_a_foot_that_turns_leave_a_program():
     assert 1e-2 < out.residuals.constraints < 2 * least
 
 
-@pytest.mark.parametrize(
+@each_row(
     "task",
     [
         FrameTask("panda_link8", reference=(0.4, 0.1, 0.5)),
@@ -735,7 +735,7 @@ def test_a_level_gives_nothing_to_those_below_it():
     assert is_proved(strict)
 
 
-@pytest.mark.parametrize("weight", [1e-2, 1.0, 100.0])
+@each_row("weight", [1e-2, 1.0, 100.0])
 def test_a_level_yields_nothing_to_the_regularisation(weight):
     """What levels can have, they have to 1e-8 m/s^2, at any weight; the rest is as small as can be.
 

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from own_task import own_task
-from shared import robot
+from shared import each_row, robot
 
 import condyn_pin as cp
 from condyn_pin.contact import FrictionCone, WrenchCone
@@ -89,7 +89,7 @@ def test_what_is_computed_once_is_what_each_tick_would_compute(name: str) -> Non
             assert np.array_equal(found.C, wanted.C)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("rows", "found"),
     [
         (lambda motion, t: (np.ones((1, len(motion.v))), np.zeros(len(motion.v))), r"\(1, 18\)"),

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from shared import robot
+from shared import each_row, robot
 
 import condyn_pin as cp
 from condyn_pin.contact import FrictionCone, WrenchCone
@@ -460,7 +460,7 @@ MISTAKES = TASKS | CONTROLLER | FORCES
 assert len(MISTAKES) == len(TASKS) + len(CONTROLLER) + len(FORCES)
 
 
-@pytest.mark.parametrize(("mistake", "error", "words"), list(MISTAKES.values()), ids=list(MISTAKES))
+@each_row(("mistake", "error", "words"), list(MISTAKES.values()))
 def test_a_mistake_is_an_error_that_names_it(
     mistake: Callable[[], Any], error: type[CondynError], words: str
 ) -> None:

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from referee import MujocoReferee
-from shared import relative
+from shared import each_row, relative
 
 import condyn_pin as cp
 from condyn_pin.constraints import Coupling, Driven, HeldJoint, Sine
@@ -189,7 +189,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("case", BAD)
+@each_row("case", BAD)
 def test_mistakes_are_named(case):
     joint_a, more, words = BAD[case]
     with pytest.raises(cp.InvalidArgument, match=words):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin.constraints import Ball, Box, Plane
@@ -50,7 +51,7 @@ CURES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("mistake", list(CURES))
+@each_row("mistake", list(CURES))
 def test_an_error_says_what_to_write_instead(mistake):
     call, match = CURES[mistake]
     with pytest.raises(cp.InvalidArgument, match=match):
@@ -121,7 +122,7 @@ def test_a_controller_is_named_by_its_tasks():
     assert repr(levels).endswith(": Hierarchy([CenterOfMass], [Posture]))")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("low", "high"),
     [(8.18, 8.47), (0.5, 600.0), (1.2, 2.9), (95.0, 140.0), (2e-3, 3e-3), (5, 5.01)],
 )

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from motions import body
-from shared import BLOCKS, DERIVATIVES, all_scenes, central, each_scene, robot, states
+from shared import BLOCKS, DERIVATIVES, all_scenes, central, each_row, each_scene, robot, states
 
 import condyn_pin as cp
 from condyn_pin.dynamics.derivatives import METHODS
@@ -351,7 +351,7 @@ def test_results_are_owned():
             assert np.array_equal(getattr(d, block), before)
 
 
-@pytest.mark.parametrize("what", ["method", "solver", "q", "dq", "dlam"])
+@each_row("what", ["method", "solver", "q", "dq", "dlam"])
 def test_refuses(what):
     scene, (q, v, tau) = all_scenes()["talos contacts"], states("talos contacts")[0]
     if what == "method":
@@ -458,7 +458,7 @@ def test_one_slider_by_its_mass():
     assert np.allclose(da, [[-5.0 / 2.0**2, *np.zeros(9)]], rtol=0, atol=1e-14)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "frame", "error", "match"),
     [
         ("a-b", "first", cp.errors.UnknownName, "did you mean 'a~b'"),
@@ -642,7 +642,7 @@ def test_many_kinds_between_bodies_at_once():
     assert np.abs(together - wanted).max() <= 1e-13 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize("label", ["four_bar", "cassie", "solo12"])
+@each_row("label", ["four_bar", "cassie", "solo12"])
 def test_derivatives_share_no_state_with_what_was_asked_before(label):
     """What a proof has evaluated serves its own derivatives: not another state, lam or load."""
     machine = robot(label)

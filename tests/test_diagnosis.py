@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import all_scenes, each_scene, robot
+from shared import all_scenes, each_row, each_scene, robot
 from shell import condyn
 from test_assembly import loops_of, parallelogram, with_limits
 
@@ -84,7 +84,7 @@ def test_near_a_singular_configuration_it_says_so():
     assert any("nearly singular" in note for note in near.notes)
 
 
-@pytest.mark.parametrize("start", [[0.0, 0.0, 1.0], [0.05, -0.1, 1.0], [-0.3, 0.7, 1.0]])
+@each_row("start", [[0.0, 0.0, 1.0], [0.05, -0.1, 1.0], [-0.3, 0.7, 1.0]])
 def test_bars_that_just_reach_cannot_move_and_it_says_so(start):
     """Crank and coupler, 1.1 m together, tied to a point 1.1 m away."""
     bar = robot("four_bar").with_frame("far", "world", [1.1, 0.0, 0.0])

@@ -9,7 +9,7 @@ from math import asin, atan, pi, sin, tan
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import axis_of
+from shared import axis_of, each_row
 
 import condyn_pin as cp
 from condyn_pin import dynamics, errors, mechanism, simulation
@@ -365,7 +365,7 @@ def test_a_linkage_a_little_off_its_plane():
     assert "taken as in the plane: rank 2 of 3" in scene.nominal.digits.note
 
 
-@pytest.mark.parametrize("name", ["parallelogram", "bricard", "cassie", "delta", "five_bar"])
+@each_row("name", ["parallelogram", "bricard", "cassie", "delta", "five_bar"])
 def test_machines_with_all_digits_are_not_looked_at(name):
     robot = cp.load_robot(name)
     assert cp.Scene(replace(robot, precision=1e-5), robot.loops).nominal.digits is None

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import pytest
 from PIL import Image
+from shared import each_row
 from shell import condyn
 from typer.testing import CliRunner
 
@@ -141,7 +142,7 @@ def headings(page: Path) -> list[str]:
     return [re.sub(r"[^\w -]", "", title.lower()).replace(" ", "-") for title in titles]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@each_row("page", PAGES)
 def test_links_paths_figures_and_names_are_there(page):
     drawn = (ROOT / "docs" / "figures.py").read_text(encoding="utf-8")
     for link in re.findall(r"\]\(([^)]+)\)", TEXTS[page]):

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from motions import bar, hanging_cassie, rod_pendulum
-from shared import HAS_LCABA, SOLVERS, all_scenes, relative, robot, states, takes
+from shared import HAS_LCABA, SOLVERS, all_scenes, each_row, relative, robot, states, takes
 
 import condyn_pin as cp
 from condyn_pin.simulation.drift import FactorisedGaps, SolvedGaps, gaps_of
@@ -107,9 +107,8 @@ def test_the_settling_time_is_met(T, remaining):
     assert gains.alpha == gains.beta
 
 
-@pytest.mark.parametrize(
-    "solref",
-    [(0.02, 1.0), (0.02, 0.5), (0.005, 0.7), (-400.0, -40.0), (-400.0, 0.0), (0.0, -40.0)],
+@each_row(
+    "solref", [(0.02, 1.0), (0.02, 0.5), (0.005, 0.7), (-400.0, -40.0), (-400.0, 0.0), (0.0, -40.0)]
 )
 def test_solref_goes_there_and_back(solref):
     gains = cp.Baumgarte.from_solref(*solref)
@@ -121,7 +120,7 @@ def test_solref_goes_there_and_back(solref):
         assert gains == cp.Baumgarte.critical(50.0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "said"),
     [
         (lambda: cp.Baumgarte(-1.0, 1.0), "alpha"),

@@ -10,7 +10,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
-from shared import each_exact_solver, unsupported_constraints
+from shared import each_exact_solver, each_row, unsupported_constraints
 from viewed import parts
 
 import condyn_pin as cp
@@ -253,7 +253,7 @@ def test_paths():
     assert minimum_jerk([0.0], [1.0], 0.5) == MinimumJerk((0.0,), (1.0,), 0.5)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("along", "said"),
     [
         (3.0, "a Path is needed"),
@@ -269,7 +269,7 @@ def test_what_is_no_path_is_refused(along, said):
         Driven(HeldJoint("crank"), along)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "constraint",
     [
         cp.Loop("tool", "world", "weld"),
@@ -407,7 +407,7 @@ def test_files_batches_and_pictures_have_it(driven, tmp_path):
         run.save(tmp_path / "function.npz")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("formula", "text"),
     [
         (lambda t: math.sin(t), "numpy's functions take it, math's do not"),

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import SOLVERS, all_scenes, each_scene, each_solver, relative, states, takes
+from shared import SOLVERS, all_scenes, each_row, each_scene, each_solver, relative, states, takes
 from typer.testing import CliRunner
 
 import condyn_pin as cp
@@ -293,9 +293,8 @@ def test_torques_and_speeds_are_as_large_as_their_dials_say():
         assert np.abs(EXTREMES["fast"].case(severity, 1, talos).v).max() == severity
 
 
-@pytest.mark.parametrize(
-    ("family", "severity"),
-    [("massless_coupler", 0.0), ("massless_tip", 0.0), ("massless_row", 3)],
+@each_row(
+    ("family", "severity"), [("massless_coupler", 0.0), ("massless_tip", 0.0), ("massless_row", 3)]
 )
 def test_what_nothing_moves_is_refused_by_the_names_of_its_joints(family, severity):
     names = {"massless_coupler": "coupler", "massless_tip": "joint4", "massless_row": "joint1"}
@@ -580,7 +579,7 @@ def test_advice_lists_the_runs_of_a_dial():
     )
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("number", "text"),
     [(0.0, "0"), (1e-4, "1e-4"), (0.01, "0.01"), (12.0, "12"), (1e4, "1e4"), (0.828, "0.828"),
      (5e-324, "5e-324"), (-1.0, "-1"), (math.inf, "inf"), (math.nan, "nan")],

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from scipy.stats import chi2
-from shared import robot
+from shared import each_row, robot
 
 import condyn_pin as cp
 from condyn_pin.errors import InvalidArgument, UnknownName
@@ -139,7 +139,7 @@ def test_without_noise_the_parameters_are_those_of_the_log(problem):
     np.testing.assert_allclose(again.estimate, found.estimate, rtol=1e-8, atol=1e-8)
 
 
-@pytest.mark.parametrize("problem", PROBLEMS)
+@each_row("problem", PROBLEMS)
 def test_with_noise_the_covariance_is_that_of_the_errors(problem):
     scene, wanted, log = problem()
     fits = [fit(scene, log(np.random.default_rng(seed)), list(wanted)) for seed in range(10)]
@@ -308,9 +308,7 @@ BAR = cp.Scene(robot("four_bar"), robot("four_bar").loops)
 ONCE = PoseLog({joint: BAR.state()[0][i : i + 1] for i, joint in enumerate(BAR.robot.joints)})
 
 
-@pytest.mark.parametrize(
-    ("call", "error", "text"),
-    [
+@each_row(("call", "error", "text"), [
         (lambda: fit(BOX, LOG, "box/friction"), InvalidArgument, "a list of names"),
         (lambda: fit(BOX, LOG, []), InvalidArgument, "a list of names"),
         (lambda: fit(BOX, LOG, ["box/friction"] * 2), InvalidArgument, "each name once"),
@@ -333,8 +331,7 @@ ONCE = PoseLog({joint: BAR.state()[0][i : i + 1] for i, joint in enumerate(BAR.r
         (lambda: fit(BAR, ONCE, ["rocker/place.x", "rocker/place.z"]),
          InvalidArgument, "log more samples"),
         (lambda: fit(BOX, LOG, ["box/friction"]).interval(1.0), InvalidArgument, "between 0 and 1"),
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_bad_input_is_named(call, error, text):
     with pytest.raises(error, match=text):
         call()

@@ -11,9 +11,9 @@ from dataclasses import replace
 import contact_judge as judge
 import numpy as np
 import pinocchio as pin
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin.constraints import FrictionalContact, HeldJoint, Plane
@@ -197,7 +197,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("what", REFUSED)
+@each_row("what", REFUSED)
 def test_what_one_verb_refuses_all_refuse(what):
     box = cp.model.free_box(size=(0.2, 0.2, 0.1))
     ball = FrictionalContact("box", cp.constraints.Ball(0.1), friction=0.5)

@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from shared import all_scenes, axis_of, central, each_scene, robot, states
+from shared import all_scenes, axis_of, central, each_row, each_scene, robot, states
 from test_derivatives import CONSTRAINTS, ROOTS, two_arms
 from test_traps import two_boxes
 
@@ -146,7 +146,7 @@ def test_redundant_rows_cannot_rebound_differently():
         cp.impact(scene, q, v, restitution={scene.names[0]: 0.5})
 
 
-@pytest.mark.parametrize("seed", range(3))
+@each_row("seed", range(3))
 def test_what_is_at_rest_already_has_nothing_to_rebound(seed):
     """Its rounding was taken for rows that rebound differently."""
     scene, q = many("talos corners")

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from motions import bar, body, hanging_cassie, rod_pendulum
-from shared import robot
+from shared import each_row, robot
 
 import condyn_pin as cp
 
@@ -160,7 +160,7 @@ def test_rows_without_a_position_are_held_or_refused():
         assert np.abs(found.v[-1] - exact.v[-1]).max() < 1e-7
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "said"),
     [
         (lambda: cp.simulation.RadauIIA(stages=4), "stages = 4"),

@@ -8,7 +8,7 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import relative, robot
+from shared import each_row, relative, robot
 
 import condyn_pin as cp
 from condyn_pin.control import Actuation, gravity_compensation
@@ -151,7 +151,7 @@ def test_forward_of_inverse_is_the_acceleration(name, contacts):
         assert not [n for n in inverse.notices if "motors drive" in n and "missing" in n]
 
 
-@pytest.mark.parametrize("name", ["cassie", "solo12", "four_bar"])
+@each_row("name", ["cassie", "solo12", "four_bar"])
 def test_what_cannot_be_done_comes_nearest(name):
     """The answer says what comes out, and no other torques come nearer in the metric of M."""
     where = scene(name)
@@ -178,7 +178,7 @@ def test_what_cannot_be_done_comes_nearest(name):
     assert np.abs(needed).max() < 1e-9 * max(np.abs(terms.h).max(), 1.0)
 
 
-@pytest.mark.parametrize("name", ["cassie", "talos", "solo12"])
+@each_row("name", ["cassie", "talos", "solo12"])
 def test_internal_forces_do_nothing(name):
     where = scene(name, contacts=True)
     rng = np.random.default_rng(4)
@@ -320,9 +320,7 @@ def test_actuation_of_coupled_motors_is_a_value():
     assert np.array_equal(copy.B, motors.B)
 
 
-@pytest.mark.parametrize(
-    ("made", "error", "said"),
-    [
+@each_row(("made", "error", "said"), [
         (lambda: CoupledMotor("", {"joint1": 1.0}), cp.InvalidArgument, "name of a motor"),
         (lambda: CoupledMotor("m", {}), cp.InvalidArgument, "one joint at least"),
         (lambda: CoupledMotor("m", ["joint1"]), cp.InvalidArgument, "a weight by joint"),
@@ -337,8 +335,7 @@ def test_actuation_of_coupled_motors_is_a_value():
         (lambda: CoupledMotor("m", {"joint3": 1.0}), cp.errors.UnknownName, "named 'joint3'"),
         (lambda: CoupledMotor("joint1", {"joint2": 1.0}), cp.InvalidArgument, "a joint has this"),
         (lambda: CoupledMotor("left", {"joint2": 1.0}), cp.InvalidArgument, "two are named 'left'"),
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_coupled_motors_refuse(made, error, said):
     arm = two_link(0.4, 0.3, 1.2, 0.7)
     with pytest.raises(error, match=said):
@@ -390,7 +387,7 @@ def test_answers_pickle():
     assert copy.fully_actuated
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("joints", "ratios", "error", "said"),
     [
         (["FL_KEF"], None, cp.errors.UnknownName, "did you mean 'FL_KFE'"),

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from shared import relative, robot
+from shared import each_row, relative, robot
 
 import condyn_pin as cp
 
@@ -264,13 +264,13 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("what", list(BAD))
+@each_row("what", list(BAD))
 def test_constraints_refuse(what):
     with pytest.raises(cp.InvalidArgument, match=r"=|needed|is not set|is zero"):
         BAD[what]()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("coupling", "error", "match"),
     [
         (("crank", "parameter"), cp.errors.UnknownName, "no joint named 'parameter'"),

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import FORCES, HAS_LCABA, SOLVED, all_scenes, relative, states, truth
+from shared import FORCES, HAS_LCABA, SOLVED, all_scenes, each_row, relative, states, truth
 
 import condyn_pin as cp
 
@@ -101,7 +101,7 @@ def test_a_configuration_of_another_size_is_refused(solver, size):
         cp.Workspace(scene, solver).acceleration(np.ones(size), v, tau)
 
 
-@pytest.mark.parametrize("refinements", [-1, 1.5, True, 101])
+@each_row("refinements", [-1, 1.5, True, 101])
 def test_a_number_of_corrections_that_is_none_is_refused(refinements):
     with pytest.raises(cp.InvalidArgument, match="refinements = "):
         cp.LCABA(refinements=refinements)

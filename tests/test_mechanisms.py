@@ -7,7 +7,7 @@ import inspect
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import relative, robot
+from shared import each_row, relative, robot
 
 import condyn_pin as cp
 from condyn_pin.model.mechanisms import MECHANISMS
@@ -48,14 +48,14 @@ def test_two_mechanisms_of_one_name_are_refused():
     assert MECHANISMS["chain"] is cp.model.chain
 
 
-@pytest.mark.parametrize("value", [0, -1, 1.5, "two", None, True, np.nan])
+@each_row("value", [0, -1, 1.5, "two", None, True, np.nan])
 def test_counts_are_whole_numbers(value):
     for make in (cp.model.chain, cp.model.n_four_bar):
         with pytest.raises(cp.InvalidArgument, match=r"^n = .*a whole number of at least 1"):
             make(n=value)
 
 
-@pytest.mark.parametrize("value", [0, -1.0, np.nan, np.inf, "long", None, True])
+@each_row("value", [0, -1.0, np.nan, np.inf, "long", None, True])
 def test_lengths_and_masses_are_positive_numbers(value):
     for make in (cp.model.chain, cp.model.n_four_bar, cp.model.pendulum):
         for argument in ("length", "mass"):
@@ -228,7 +228,7 @@ def test_bricard_has_the_inertia_of_the_benchmark(a, inertia):
         assert energy == pytest.approx(-29.43, rel=1e-14)
 
 
-@pytest.mark.parametrize("a", [0.0, 0.5, 1.2, 2.0, 3.1])
+@each_row("a", [0.0, 0.5, 1.2, 2.0, 3.1])
 def test_bricard_is_redundant_everywhere(a):
     b = np.arcsin(-np.sin(a) / (1 + np.sin(a)))
     assert rank(loops_of(robot("bricard")), np.array([a, b, a, b, a])) == 4

@@ -10,7 +10,7 @@ import pickle
 
 import numpy as np
 import pytest
-from shared import all_scenes, motor_torque, relative, robot
+from shared import all_scenes, each_row, motor_torque, relative, robot
 
 import condyn_pin as cp
 import lab
@@ -182,7 +182,7 @@ def test_watch_chooses_what_counts_and_the_answer_pickles():
     assert pickle.loads(pickle.dumps(found)) == found
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("arguments", "error", "said"),
     [
         ({"error": -0.1}, cp.InvalidArgument, "from 0 to below 1"),

@@ -13,7 +13,7 @@ from fuzz import assert_survived
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from referee import MujocoReferee
-from shared import axis_of
+from shared import axis_of, each_row
 from shared import robot as shared_robot
 
 import condyn_pin as cp
@@ -416,7 +416,7 @@ def test_a_coupling_is_a_joint_equality(read):
     assert J.ravel() == pytest.approx([1.0, 0.0, 2.0])
 
 
-@pytest.mark.parametrize("kind", ["slider", "planar", "rod"])
+@each_row("kind", ["slider", "planar", "rod"])
 def test_kinds_that_mujoco_has_not_are_refused_or_left_out(kind):
     length = 0.5 if kind == "rod" else None
     loops = [cp.Loop("coupler_tip", "rocker_tip", kind, axis_of(kind), length, name="odd")]
@@ -504,13 +504,13 @@ WRONG = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "said"), WRONG.values(), ids=WRONG)
+@each_row(("text", "said"), WRONG)
 def test_what_is_wrong_is_said(read, text, said):
     with pytest.raises(cp.errors.InvalidModel, match=rf"robot\.xml: .*{said}"):
         read(f"<mujoco>{text}</mujoco>")
 
 
-@pytest.mark.parametrize("text", ["", "words", "<mujoco>", "<robot/>", "<mujoco>\x00</mujoco>"])
+@each_row("text", ["", "words", "<mujoco>", "<robot/>", "<mujoco>\x00</mujoco>"])
 def test_what_is_no_mjcf_is_refused(read, text):
     with pytest.raises(cp.errors.InvalidModel, match=r"robot\.xml: "):
         read(text)

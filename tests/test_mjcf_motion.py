@@ -16,6 +16,7 @@ import pinocchio as pin
 import pytest
 from fuzz import assert_survived
 from referee import MujocoReferee
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin._core._pin import dry_friction
@@ -284,10 +285,7 @@ NEWER = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
-    ("text", "said"), [*LOST.values(), *(NEWER.values() if KNOWN else ())],
-    ids=[*LOST, *(f"newer: {name}" for name in NEWER if KNOWN)],
-)  # fmt: skip
+@each_row(("text", "said"), [*LOST.values(), *(NEWER.values() if KNOWN else ())])  # fmt: skip
 def test_what_is_not_modelled_is_named(tmp_path, text, said):
     with pytest.warns(UnmodelledWarning, match="changes the motion, and is not modelled"):
         robot = read_text(tmp_path, text)
@@ -306,7 +304,7 @@ SERVOS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("text", "said"), SERVOS.values(), ids=SERVOS)
+@each_row(("text", "said"), SERVOS)
 def test_servos_are_named_as_what_tau_is_here(tmp_path, text, said):
     robot = read_text(tmp_path, text)
     assert robot.unmodelled == ()
@@ -334,7 +332,7 @@ NOTHING = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("text", NOTHING.values(), ids=NOTHING)
+@each_row("text", NOTHING.values())
 def test_what_does_nothing_is_not_named(tmp_path, text):
     robot = read_text(tmp_path, text)
     assert robot.unmodelled == ()
@@ -483,7 +481,7 @@ def test_actuators_that_are_switched_off_are_told(tmp_path, option):
     assert said.endswith(": m")
 
 
-@pytest.mark.parametrize("words", [
+@each_row("words", [
     '<position name="m" tendon="sum" kp="3"/>', '<motor name="m" tendon="sum" gear="0"/>',
     '<general name="m" tendon="sum" gainprm="0" ctrlrange="-1 1"/>',
     '<motor name="m" tendon="sum" ctrlrange="0.1 1"/>',

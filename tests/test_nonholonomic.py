@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from scipy.integrate import quad
-from shared import central, each_exact_solver, relative, robot, takes
+from shared import central, each_exact_solver, each_row, relative, robot, takes
 
 import condyn_pin as cp
 from condyn_pin import mechanism
@@ -750,7 +750,7 @@ def test_brackets_are_those_of_moving_back_and_forth(joint):
 # What is refused
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("make", "said"),
     [
         (lambda: cp.constraints.KnifeEdge("blade", "w"), "axis = 'w'"),

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
-from shared import all_scenes, each_scene, each_solver, states, truth
+from shared import all_scenes, each_row, each_scene, each_solver, states, truth
 
 import condyn_pin as cp
 from condyn_pin._core.linalg import (
@@ -245,7 +245,7 @@ def test_bound_of_an_answer_in_doubt_is_its_error(label, iterations):
     assert solution.error_bound == pytest.approx(error / (1 - error), rel=2e-5)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("label", "mu"),
     [("four_bar loops", 1e-6), ("delta loops", 1e-8), ("talos foot held twice", 1e-8)],
 )

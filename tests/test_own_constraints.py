@@ -8,7 +8,7 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import robot
+from shared import each_row, robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import VERSION, init_constraint_dynamics, set_baumgarte
@@ -213,7 +213,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.parametrize("case", REFUSED)
+@each_row("case", REFUSED)
 def test_what_it_has_beside_is_refused_by_name(case):
     make, words = REFUSED[case]
     model = arm()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import relative
+from shared import each_row, relative
 
 import condyn_pin as cp
 from condyn_pin.dynamics.compiled import why_not
@@ -171,7 +171,7 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("message", WRONG)
+@each_row("message", WRONG)
 def test_a_wrong_function_is_named(sled, message):
     with pytest.raises(cp.InvalidArgument, match=f"own: .*{message}"):
         cp.Scene(sled, [WRONG[message]])
@@ -185,7 +185,7 @@ BAD = {
 }
 
 
-@pytest.mark.parametrize("message", BAD)
+@each_row("message", BAD)
 def test_a_mistake_is_named(message):
     with pytest.raises(cp.InvalidArgument, match=message):
         BAD[message]()

@@ -9,7 +9,7 @@ import sys
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import robot
+from shared import each_row, robot
 from urdf_texts import joint, link
 
 import condyn_pin as cp
@@ -43,7 +43,7 @@ def forms(knee: int, name: str) -> dict[str, object]:
 FORMS = list(forms(1, "knee"))
 
 
-@pytest.mark.parametrize("form", FORMS)
+@each_row("form", FORMS)
 def test_a_frame_in_any_form_is_the_named_one(form):
     named, knee = solo()
     given = forms(knee, named.joints[2])[form]
@@ -202,14 +202,14 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("case", WRONG)
+@each_row("case", WRONG)
 def test_what_is_no_frame_is_refused_by_name(case):
     value, words = WRONG[case]
     with pytest.raises(cp.InvalidArgument, match="^frame.*" + words):
         cp.PointContact(value)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("frame", "words"),
     [
         ((40, TURNED), "joint 40: solo12 has joints 1 to 13, and the world, 0"),
@@ -234,7 +234,7 @@ def test_a_joint_named_as_a_number_is_not_guessed():
         cp.Scene(cp.Robot("odd", model), [cp.PointContact((2, AHEAD))])
 
 
-@pytest.mark.parametrize("text", ["#1 + [0.1 0 0]", "j1 + [0.1 0 0]", "sole (#1 + [0.1 0 0])"])
+@each_row("text", ["#1 + [0.1 0 0]", "j1 + [0.1 0 0]", "sole (#1 + [0.1 0 0])"])
 def test_a_frame_with_the_text_of_another_place_is_refused(text):
     sole = pin.Frame("sole", 1, 0, AHEAD, pin.FrameType.OP_FRAME)
     frame = {"#": (1, AHEAD), "j": ("j1", AHEAD), "s": sole}[text[0]]
@@ -292,7 +292,7 @@ def test_names_of_joints_may_have_brackets_and_lines():
             assert odd.frame(contact.frame)[1].isApprox(TURNED)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "numbers", ["1e999 0 0", "1e60 0 0", "0 0 0 0 0 1e999 1", "-1e999 0 0 0 0 0 1", " ", "1 2 3 4"]
 )
 def test_a_text_without_a_placement_is_refused(numbers):

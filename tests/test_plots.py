@@ -5,6 +5,7 @@ from __future__ import annotations
 import matplotlib as mpl
 import numpy as np
 import pytest
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin._core import show
@@ -161,7 +162,7 @@ def lab(colour: str, eyes: str) -> np.ndarray:
     return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
 
 
-@pytest.mark.parametrize("eyes", EYES)
+@each_row("eyes", EYES)
 def test_colours_of_methods_are_told_apart_by_all_eyes(eyes):
     from condyn_pin.study.plots import style
 

@@ -14,7 +14,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from referee import MujocoReferee
-from shared import relative
+from shared import each_row, relative
 from typer.testing import CliRunner
 
 import condyn_pin as cp
@@ -322,7 +322,7 @@ def test_a_motion_that_ends_early_is_a_failure_and_not_an_exception():
     assert json.loads(json.dumps(result.to_dict()))["error"] is None
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "said"),
     [
         ({"dt": 0.0}, r"dt = 0.0: a positive number"),

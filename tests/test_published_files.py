@@ -9,6 +9,7 @@ import pinocchio as pin
 import published_files
 import pytest
 from judges.files import compared
+from shared import each_row
 
 import condyn_pin as cp
 
@@ -54,7 +55,7 @@ def test_what_a_file_says_agrees(tmp_path, name):
     assert found.worst < 1e-10
 
 
-@pytest.mark.parametrize("name", TEXTS)
+@each_row("name", TEXTS)
 def test_a_wrong_robot_is_found(tmp_path, name):
     path = tmp_path / name
     path.write_text(TEXTS[name])

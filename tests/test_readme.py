@@ -8,7 +8,7 @@ from importlib import import_module
 from pathlib import Path
 
 import pytest
-from shared import HAS_LCABA
+from shared import HAS_LCABA, each_row
 
 import lab
 
@@ -33,7 +33,7 @@ def words(page: str) -> str:
 SCRIPTS = sorted(path.stem for path in (ROOT / "benchmarks").glob("*.py") if path.stem != "script")
 
 
-@pytest.mark.parametrize("name", [*SCRIPTS, "peers.run"])
+@each_row("name", [*SCRIPTS, "peers.run"])
 def test_tables_are_those_of_the_committed_results(name):
     import script
 

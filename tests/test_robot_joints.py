@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pinocchio as pin
 import pytest
+from shared import each_row
 
 import condyn_pin as cp
 
@@ -127,7 +128,7 @@ def test_another_mass_has_the_same_centre_and_an_inertia_in_proportion(cassie):
     assert cp.solve(cp.Scene(heavy, heavy.loops), q, v, heavy.passive_torque(q, v)).status.ok
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("masses", "text"),
     [
         ({"left-knee": 1.0}, "did you mean 'left-knee-op'"),

@@ -21,6 +21,7 @@ from sdf_texts import (
     pose,
     springs,
 )
+from shared import each_row
 
 from condyn_pin.constraints import JointFriction
 from condyn_pin.model import Robot
@@ -189,9 +190,7 @@ LIMITS = "<lower>-1</lower><upper>2</upper><effort>30</effort><velocity>4</veloc
 NONE = (-NO_LIMIT, NO_LIMIT, NO_LIMIT, NO_LIMIT)
 
 
-@pytest.mark.parametrize(
-    ("kind", "limits", "expected"),
-    [
+@each_row(("kind", "limits", "expected"), [
         ("revolute", LIMITS, (-1, 2, 30, 4)),
         ("prismatic", LIMITS, (-1, 2, 30, 4)),
         ("revolute", "", NONE),
@@ -200,8 +199,7 @@ NONE = (-NO_LIMIT, NO_LIMIT, NO_LIMIT, NO_LIMIT)
         ("revolute", LIMITS.replace("-1", "-inf").replace(">2<", ">inf<").replace("30", "inf")
          .replace("4", "inf"), NONE),
         ("continuous", "<lower>-1</lower><upper>2</upper>", NONE),
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_limits_in_any_of_the_format_s_spellings(read, kind, limits, expected):
     robot = read(AB + joint("j", "a", "b", kind, axis(limits)))
     model = robot.model

@@ -7,6 +7,7 @@ import re
 import pinocchio as pin
 import pytest
 from sdf_texts import AB, AXIS, INERTIAL, LOOP, axis, closures, joint, link, pose
+from shared import each_row
 
 from condyn_pin.errors import InvalidModel, UnknownName
 from condyn_pin.io.sdf import read_sdf
@@ -139,13 +140,13 @@ WRONG = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("body", "says"), WRONG.values(), ids=WRONG)
+@each_row(("body", "says"), WRONG)
 def test_a_wrong_model_is_refused_with_the_reason(read, body, says):
     with pytest.raises(InvalidModel, match=rf"robot\.sdf: .*{says}"):
         read(body)
 
 
-@pytest.mark.parametrize("kind", ["planar", "spring", "floating", "Revolute"])
+@each_row("kind", ["planar", "spring", "floating", "Revolute"])
 def test_a_joint_of_an_unsupported_type_is_named_with_what_would_do(read, kind):
     with pytest.raises(InvalidModel, match=f"'j' has the type '{kind}'.*kinds.*drop"):
         read(AB + joint("j", "a", "b", kind))
@@ -170,7 +171,7 @@ def test_a_root_that_is_not_the_one_on_the_world_is_refused(read):
         read(AB + joint("wa", "world", "a") + joint("ab", "a", "b"), root="b")
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("options", "says"),
     [
         ({"root": "aa"}, "no link named 'aa'"),
@@ -206,7 +207,7 @@ FILES = {
 }
 
 
-@pytest.mark.parametrize(("text", "says"), FILES.values(), ids=FILES)
+@each_row(("text", "says"), FILES)
 def test_a_file_that_is_not_one_sdf_model_is_refused_with_the_reason(tmp_path, text, says):
     path = tmp_path / "robot.sdf"
     path.write_text(text)

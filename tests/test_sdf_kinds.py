@@ -19,6 +19,7 @@ from sdf_texts import (
     pose,
     springs,
 )
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin.constraints import Coupling
@@ -93,7 +94,7 @@ UNIVERSAL_WRONG = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("body", "says"), UNIVERSAL_WRONG.values(), ids=UNIVERSAL_WRONG)
+@each_row(("body", "says"), UNIVERSAL_WRONG)
 def test_a_wrong_universal_joint_is_refused_with_the_reason(read, body, says):
     with pytest.raises(InvalidModel, match=says):
         read(AB + body)
@@ -216,7 +217,7 @@ GEARBOX_WRONG = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("body", "says"), GEARBOX_WRONG.values(), ids=GEARBOX_WRONG)
+@each_row(("body", "says"), GEARBOX_WRONG)
 def test_a_wrong_gearbox_is_refused_with_the_reason(read, body, says):
     with pytest.raises(InvalidModel, match=rf"robot\.sdf: .*{says}"):
         read(body)
@@ -276,7 +277,7 @@ MIMIC_WRONG = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("inside", "other", "says"), MIMIC_WRONG.values(), ids=MIMIC_WRONG)
+@each_row(("inside", "other", "says"), MIMIC_WRONG)
 def test_a_wrong_mimic_is_refused_with_the_reason(read, inside, other, says):
     body = link("a") + link("b_") + link("c") + joint("f", "a", "c", inside=inside)
     with pytest.raises(InvalidModel, match=says):

@@ -7,6 +7,7 @@ import pinocchio as pin
 import pytest
 from scipy.spatial.transform import Rotation
 from sdf_texts import INERTIAL, ROUNDING, T, closures, frame_poses, joint, link, pose, springs
+from shared import each_row
 
 from condyn_pin.errors import InvalidModel, UnknownName
 from condyn_pin.io.load import Description
@@ -48,7 +49,7 @@ def test_a_loop_is_cut_at_its_joint_of_most_freedom(read, kinds, cut):
     assert cuts(read(body)) == [cut]
 
 
-@pytest.mark.parametrize("kind", ["fixed", "revolute", "prismatic", "ball"])
+@each_row("kind", ["fixed", "revolute", "prismatic", "ball"])
 def test_a_joint_between_links_that_are_fixed_to_each_other_closes_nothing(read, kind):
     body = ring("fixed", "fixed", kind) + link("d") + joint("ad", "a", "d")
     robot = read(body)

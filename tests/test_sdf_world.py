@@ -9,6 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from sdf_texts import AB, INERTIAL, ROUNDING, T, frame_poses, joint, link, pose
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName, UnmodelledWarning
@@ -422,7 +423,7 @@ CHANGES = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("body", "says"), CHANGES.values(), ids=CHANGES)
+@each_row(("body", "says"), CHANGES)
 def test_what_changes_the_motion_and_is_not_modelled_is_named(file, body, says):
     path = file(world(model("m", body)))
     with pytest.warns(UnmodelledWarning, match=says):
@@ -555,7 +556,7 @@ def test_a_joint_of_the_world_closes_a_loop_or_holds_a_model(file):
     assert alone.joints == ("turn",)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("names", "error", "words"),
     [
         (["m", "o"], UnknownName, "no model named 'o'"),

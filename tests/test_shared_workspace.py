@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shared import all_scenes, robot, states
+from shared import all_scenes, each_row, robot, states
 
 import condyn_pin as cp
 from condyn_pin.dynamics import BoundSolver
@@ -61,7 +61,7 @@ CALLS = {
 }
 
 
-@pytest.mark.parametrize("holding", ["solve", "acceleration", "derivatives"])
+@each_row("holding", ["solve", "acceleration", "derivatives"])
 def test_another_thread_is_refused_while_one_is_at_work(monkeypatch, holding):
     held, scene = Held(monkeypatch), all_scenes()[LABEL]
     q, v, tau = states(LABEL)[0]
@@ -77,7 +77,7 @@ def test_another_thread_is_refused_while_one_is_at_work(monkeypatch, holding):
         call(workspace, q, v, tau)
 
 
-@pytest.mark.parametrize("error", [ValueError, KeyboardInterrupt, SystemExit])
+@each_row("error", [ValueError, KeyboardInterrupt, SystemExit])
 def test_whatever_ends_a_call_leaves_the_workspace_free(monkeypatch, error):
     scene = all_scenes()[LABEL]
     q, v, tau = states(LABEL)[0]

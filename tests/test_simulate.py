@@ -10,7 +10,7 @@ import pinocchio as pin
 import pytest
 from motions import G, bar, body, falling, hanging_cassie, top
 from scipy.interpolate import CubicSpline
-from shared import HAS_LCABA, robot
+from shared import HAS_LCABA, each_row, robot
 
 import condyn_pin as cp
 from condyn_pin.simulation.integrators import dormand_prince
@@ -465,9 +465,7 @@ def test_iterations_that_move_nothing_are_left_out(drift):
 # Runs that break down.
 
 
-@pytest.mark.parametrize(
-    "kind", [cp.simulation.ImplicitMidpoint, cp.simulation.Rattle, cp.simulation.Shake]
-)
+@each_row("kind", [cp.simulation.ImplicitMidpoint, cp.simulation.Rattle, cp.simulation.Shake])
 def test_a_first_step_that_cannot_be_taken_leaves_the_first_state(kind):
     """A spring of 20 kHz in steps of 1 ms."""
     scene, q, v = bar()
@@ -508,7 +506,7 @@ def test_a_run_that_fails_goes_to_the_last_state_that_could_be_solved(integrator
         assert np.isfinite(array).all()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("tau", "error", "words"),
     [
         (lambda t, q, v: np.full(3, np.nan), cp.InvalidArgument, "tau"),
@@ -553,7 +551,7 @@ def test_an_open_state_is_an_error_that_names_the_gap():
         cp.simulate(scene, q, v + 0.1, duration=1.0)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("arguments", "words"),
     [
         ({"duration": 0.0}, "duration"),

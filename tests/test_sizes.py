@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
-from shared import robot
+from shared import each_row, robot
 
 import condyn_pin as cp
 from condyn_pin._core import files as texts
@@ -92,7 +92,7 @@ TOO_MUCH = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", TOO_MUCH)
+@each_row("name", TOO_MUCH)
 def test_descriptions_that_ask_for_too_much_are_refused(name, tmp_path):
     text, words = TOO_MUCH[name]
     (tmp_path / name).write_text(text)
@@ -148,7 +148,7 @@ CARDS = {
 }
 
 
-@pytest.mark.parametrize("name", CARDS)
+@each_row("name", CARDS)
 def test_cards_that_cannot_be_read_are_one_line(name, tmp_path):
     text, words = CARDS[name]
     (tmp_path / "bar.urdf").write_text(urdf(2))
@@ -170,7 +170,7 @@ JSONS = {
 }
 
 
-@pytest.mark.parametrize("name", JSONS)
+@each_row("name", JSONS)
 def test_tables_that_cannot_be_read_are_one_line(name, tmp_path):
     text, words = JSONS[name]
     path = tmp_path / "a.json"

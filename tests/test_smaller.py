@@ -9,7 +9,7 @@ import pickle
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import all_scenes, motor_torque, relative, robot
+from shared import all_scenes, each_row, motor_torque, relative, robot
 
 import condyn_pin as cp
 from condyn_pin import mechanism
@@ -599,7 +599,7 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("label", "change", "error", "said"),
     [(label, *each) for label, mistakes in MISTAKES.items() for each in mistakes],
 )

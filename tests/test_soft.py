@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from referee import MujocoReferee
-from shared import SOLVED, all_scenes, each_scene, relative, robot, states
+from shared import SOLVED, all_scenes, each_row, each_scene, relative, robot, states
 
 import condyn_pin as cp
 
@@ -289,7 +289,7 @@ def test_what_gives_way_has_none_of_pinocchio():
         cp.derivatives(scene, *state, solver=cp.dynamics.Soft(), method="pinocchio")
 
 
-@pytest.mark.parametrize(
+@each_row(
     "parameters",
     [
         {"solref": (0.0, 1.0)},

@@ -9,7 +9,16 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import all_scenes, each_exact_solver, each_scene, relative, robot, states, truth
+from shared import (
+    all_scenes,
+    each_exact_solver,
+    each_row,
+    each_scene,
+    relative,
+    robot,
+    states,
+    truth,
+)
 from test_massless import LOCKED, arm
 
 import condyn_pin as cp
@@ -198,7 +207,7 @@ def test_a_singular_matrix_is_not_answered_with_the_method_that_met_it():
     assert "DenseKKT" not in str(failed.value).partition(" on four_bar: ")[2]
 
 
-@pytest.mark.parametrize("accuracy", [0.0, -1.0, 1e-20, np.nan, np.inf, "fine", [1e-8, 1e-8]])
+@each_row("accuracy", [0.0, -1.0, 1e-20, np.nan, np.inf, "fine", [1e-8, 1e-8]])
 def test_an_accuracy_beyond_doubles_is_refused(accuracy):
     scene, state = all_scenes()["four_bar loops"], states("four_bar loops")[0]
     with pytest.raises(cp.InvalidArgument, match="accuracy = "):
@@ -284,7 +293,7 @@ def hung_mass(stiffness: float = 0.0, damping: float = 0.0) -> cp.Robot:
     return cp.Robot("hung", model, actuated=["driven"], springs=springs)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("made", "kinds"),
     [
         ({"stiffness": 50.0}, "springs"),

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import robot
+from shared import each_row, robot
 from test_applied_forces import chain_on, joints, state_of
 from viewed import drawing
 
@@ -327,7 +327,7 @@ def test_a_spring_goes_through_zero_length():
     assert np.abs(r + 0.6 * ALONG).max() < 1e-9
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("change", "said"),
     [
         ({"stiffness": -1.0}, "stiffness = -1.0: zero or more"),

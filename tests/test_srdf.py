@@ -10,7 +10,7 @@ import fuzz
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import robot
+from shared import each_row, robot
 from urdf_texts import SWING
 
 import condyn_pin as cp
@@ -29,7 +29,7 @@ def shipped() -> list[Path]:
     return sorted(folder.rglob("*.srdf"))
 
 
-@pytest.mark.parametrize("path", shipped(), ids=lambda path: path.name)
+@each_row("path", shipped())
 def test_those_that_are_shipped_are_read_as_pinocchio_reads_them(path):
     for urdf in sorted(path.parents[1].rglob("*.urdf"))[:2]:
         for root_joint in ("fixed", "free_flyer"):
@@ -65,7 +65,7 @@ def test_joints_that_are_not_there_are_left_out(tmp_path):
     assert not read(f"<robot>{text}</robot>", tmp_path)["home"].any()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "words"),
     [
         (GOOD.replace("0.5", "half"), r"<group_state> 'home': <joint> 'crank': value is 'half'"),

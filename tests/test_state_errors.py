@@ -16,7 +16,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from overconstrained import machines
-from shared import axis_of, robot, takes
+from shared import axis_of, each_row, robot, takes
 
 import condyn_pin as cp
 
@@ -184,7 +184,7 @@ def test_recorded_forces_of_a_motion_with_gains_are_the_smallest():
         assert np.abs(null.T @ run.lam[k]).max() < 1e-9 * np.abs(run.lam[k]).max()
 
 
-@pytest.mark.parametrize("seed", range(5))
+@each_row("seed", range(5))
 def test_a_state_in_float32_is_ok(seed):
     scene, state = machines()["cassie"], closed("cassie", seed)
     q, v = (x.astype(np.float32).astype(float) for x in (state.q, state.v))
@@ -196,7 +196,7 @@ def test_a_state_in_float32_is_ok(seed):
     assert found.doubt < 1e-5
 
 
-@pytest.mark.parametrize("name", ["bennett", "cassie", "delta, hinges", "bricard"])
+@each_row("name", ["bennett", "cassie", "delta, hinges", "bricard"])
 def test_the_answer_says_how_far_it_is_from_closed(name):
     scene, state = machines()[name], closed(name)
     q, v, a, _ = noisy(name, 1e-5, 1e-5)

@@ -11,7 +11,7 @@ import pinocchio as pin
 import pytest
 from contact_problems import on_a_rough_floor
 from numpy.testing import assert_allclose
-from shared import short_lever
+from shared import each_row, short_lever
 
 import condyn_pin as cp
 from condyn_pin._core import tolerances
@@ -300,7 +300,7 @@ def test_an_integrator_that_cannot_let_go_is_refused() -> None:
         cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3, integrator=cp.RungeKutta4())
 
 
-@pytest.mark.parametrize("scheme", [StewartTrinkle(), Anitescu(), SoftStep()])
+@each_row("scheme", [StewartTrinkle(), Anitescu(), SoftStep()])
 def test_restitution_is_refused_where_nothing_rebounds(
     scheme: cp.simulation.ContactScheme,
 ) -> None:
@@ -311,7 +311,7 @@ def test_restitution_is_refused_where_nothing_rebounds(
         cp.simulate(scene, scene.state()[0], np.zeros(6), duration=0.1, integrator=scheme)
 
 
-@pytest.mark.parametrize("member", ["asked", "asked_by", "gives_way"])
+@each_row("member", ["asked", "asked_by", "gives_way"])
 def test_a_scheme_with_a_member_of_the_last_version_is_refused(member: str) -> None:
     with pytest.raises(cp.InvalidArgument, match=f"Own.{member}: its name is `\\w+` now"):
         type("Own", (Moreau,), {member: None})

@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from lost import KillsOnce
-from shared import HAS_LCABA, all_scenes, relative
+from shared import HAS_LCABA, all_scenes, each_row, relative
 
 import condyn_pin as cp
 import lab
@@ -151,14 +151,11 @@ def test_json_keeps_every_field_and_has_no_infinity(table):
         assert cp.study.Row.from_dict(json.loads(text)) == row
 
 
-@pytest.mark.parametrize(
-    "wrong",
-    [
+@each_row("wrong", [
         {"error_worst": "small"}, {"error_worst": math.nan}, {"error_median": -1.0},
         {"median_us": "12"}, {"median_us": -1.0}, {"p95_us": math.nan}, {"statuses": ["ok"]},
         {"n": "3"}, {"scene": None}, {"how": 1}, {"nonsense": 1},
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_what_is_no_row_is_refused_by_its_field(table, wrong):
     row = table.rows[0].as_dict()
     for saved, said in ((row | wrong, *wrong), (wrong, "missing, or not a field of a Row")):
@@ -295,7 +292,7 @@ def test_other_states_another_machine_and_a_cut_line_are_measured_anew(tmp_path,
     assert len(path.read_text().splitlines()) == 3 * len(FEW)
 
 
-@pytest.mark.parametrize("text", ["notes of mine", "notes\nof mine\n", '{"row": {}}\n'])
+@each_row("text", ["notes of mine", "notes\nof mine\n", '{"row": {}}\n'])
 def test_a_file_of_something_else_is_refused_and_left_alone(tmp_path, text):
     path = tmp_path / "notes.txt"
     path.write_text(text)
@@ -358,7 +355,7 @@ def test_states_are_closed_consistent_and_the_same_every_time(label, states):
 Q, V = BAR.state()
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("label", "states", "error", "said"),
     [
         ("open", [(Q + 0.1, V, V)], cp.errors.NotAssembled, "open"),
@@ -443,7 +440,7 @@ NONSENSE = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("error", "options"), [(error, one) for error, several in NONSENSE.items() for one in several]
 )
 def test_a_study_of_nonsense_is_refused(error, options):
@@ -451,7 +448,7 @@ def test_a_study_of_nonsense_is_refused(error, options):
         brief(**options)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("call", "said"),
     [
         (lambda: cp.study.TimingEffort(rounds=0), "whole number"),
@@ -534,7 +531,7 @@ def test_noisy_states_are_judged_by_the_closed_machine():
     assert still.rows[0].states.endswith("noise 0 and 0.0001")
 
 
-@pytest.mark.parametrize("noise", [-1.0, math.nan, math.inf, (1e-4, -1.0)])
+@each_row("noise", [-1.0, math.nan, math.inf, (1e-4, -1.0)])
 def test_noise_that_is_no_size_is_refused(noise):
     with pytest.raises(cp.InvalidArgument, match="noise"):
         cp.Study(BAR, FEW, noise=noise)

@@ -6,6 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from shared import each_row
 from shell import condyn
 
 import condyn_pin as cp
@@ -53,7 +54,7 @@ def solved(*solvers, **options):
 # Values with values in them
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "wanted"),
     [
         ("Moreau", Call("Moreau", {})),
@@ -70,7 +71,7 @@ def test_calls_are_read_with_calls_in_them(text, wanted):
     assert read_call(text) == wanted
 
 
-@pytest.mark.parametrize("text", ["", "1", "a.b()", "A(1)", "A(**b)", "A(b=c)", "A(b=c.d())", "A(",
+@each_row("text", ["", "1", "a.b()", "A(1)", "A(**b)", "A(b=c)", "A(b=c.d())", "A(",
                                   "A()()", "A(b=[x for x in y])", "A" * 2000])  # fmt: skip
 def test_what_is_no_call_is_refused(text):
     with pytest.raises(ValueError):  # noqa: PT011  whatever the reader stumbles over
@@ -204,7 +205,7 @@ def test_condyn_trade_prints_a_table_of_contact_solvers():
     assert "ADMM" in said.stdout
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("words", "match"),
     [
         (("--dt", "1e-3"), "has no effect on acceleration"),

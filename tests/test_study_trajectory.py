@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from shared import all_scenes
+from shared import all_scenes, each_row
 
 import condyn_pin as cp
 from condyn_pin.simulation import INTEGRATORS, GeneralisedAlpha, NoDrift, RungeKutta4
@@ -100,7 +100,7 @@ def test_a_motion_that_a_solver_cannot_have_is_refused_with_the_reason():
     assert "an integrator is needed" in row.note
 
 
-@pytest.mark.parametrize("parameters", [{"duration": 0.0}, {"dt": -1.0}, {"dt": "small"}])
+@each_row("parameters", [{"duration": 0.0}, {"dt": -1.0}, {"dt": "small"}])
 def test_times_that_are_none_are_refused(parameters):
     with pytest.raises(cp.InvalidArgument, match="a number > 0"):
         TrajectoryMeasure(**parameters)

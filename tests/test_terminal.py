@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from shared import robot
+from shared import each_row, robot
 from shell import condyn
 
 import condyn_pin as cp
@@ -184,9 +184,7 @@ def test_names_of_files_are_written_out_wherever_python_shows_them(tmp_path):
     assert robot.name == r"evil\x1b]0;mine\x07"
 
 
-@pytest.mark.parametrize(
-    "text", ["plain", "two\nlines", "un\u00a0mot", "\u4e2d\u3000\u6587", r"C:\a"]
-)
+@each_row("text", ["plain", "two\nlines", "un\u00a0mot", "\u4e2d\u3000\u6587", r"C:\a"])
 def test_texts_without_orders_to_a_terminal_stay(text):
     assert printable(text) == text
     assert parse_json(json.dumps({text: [text, 1.0]})) == {text: [text, 1.0]}

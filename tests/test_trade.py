@@ -13,7 +13,7 @@ from io import StringIO
 import numpy as np
 import pytest
 from rich.console import Console
-from shared import all_scenes
+from shared import all_scenes, each_row
 from shell import condyn
 
 import condyn_pin as cp
@@ -150,9 +150,7 @@ def test_a_table_is_printed_as_one():
         found.compare(None)
 
 
-@pytest.mark.parametrize(
-    ("rows", "error", "said", "best"),
-    [
+@each_row(("rows", "error", "said", "best"), [
         ((BROKEN,), 1.0, "no solver answers every state", None),
         (
             (SLOW, row(cp.Proximal(), None, 2e-15)), 1e-15,
@@ -162,8 +160,7 @@ def test_a_table_is_printed_as_one():
             (row(cp.Proximal(mu=1e-8), None, 1e-12),), 1e-8,
             r"meets acceleration to 1e-08 .* but has no time", repr(cp.Proximal(mu=1e-8)),
         ),
-    ],
-)  # fmt: skip
+    ])  # fmt: skip
 def test_when_nothing_meets_the_error_the_best_is_named(rows, error, said, best):
     with pytest.raises(cp.errors.NotReached, match=said) as caught:
         table(rows).cheapest(error)
@@ -184,7 +181,7 @@ def test_fresh_states_are_the_same_for_one_seed_and_others_for_another():
     assert found[0] == found[1] != found[2]
 
 
-@pytest.mark.parametrize("count", [20, 21, 200])
+@each_row("count", [20, 21, 200])
 def test_the_states_of_the_study_are_not_fresh(count):
     """Two sets of one seed begin with the same states."""
     text = f"{count} sampled under all loads, seed 0 are not fresh, the study looked at 20 sampled"
@@ -210,9 +207,7 @@ def test_without_motors_nothing_is_compensated():
     assert not any(np.abs(tau).max() for _, _, tau in SampledStates(4).of(scene))
 
 
-@pytest.mark.parametrize(
-    ("loads", "text"), [("none", "load"), ([], "loads"), (["rest", 3], "load")]
-)
+@each_row(("loads", "text"), [("none", "load"), ([], "loads"), (["rest", 3], "load")])
 def test_loads_that_are_none(loads, text):
     with pytest.raises((cp.InvalidArgument, cp.errors.UnknownName), match=text):
         SampledStates(3, loads=loads)
@@ -236,7 +231,7 @@ def test_what_random_torques_hide_is_not_chosen():
     assert table.rows[0].error_worst > 1e-5
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("other", "shared"),
     [
         ({"count": 3}, True),
@@ -255,7 +250,7 @@ def test_sets_overlap_if_they_have_states_in_common(other, shared):
     assert not some.overlaps(NominalStates().name)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("asked", "arguments", "said"),
     [
         (measured(FINE), {"error": 0.0}, "error = 0.0"),
@@ -273,7 +268,7 @@ def test_questions_without_an_answer(asked, arguments, said):
         asked.cheapest(**arguments)
 
 
-@pytest.mark.parametrize(
+@each_row(
     "solver",
     [
         cp.Proximal(),
@@ -349,7 +344,7 @@ def test_json_comes_back_equal(tmp_path):
     assert Table.from_json(tmp_path / "t.json", scenes).scenes == scenes
 
 
-@pytest.mark.parametrize(
+@each_row(
     "text",
     [None, "half", "", "[]", "{}", '{"format": 0}', '{"format": 1, "rows": [{}], "machine": {}}'],
 )
@@ -400,7 +395,7 @@ def changed(one: Row, *, slower: float = 1.0, **values) -> Table:
 SLOWER = {"median_us": 1.5 * FINE.median_us, "p95_us": 1.5 * FINE.p95_us}
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("new", "old", "common"),
     [
         (table(), table(), 1.0),
@@ -421,7 +416,7 @@ def test_what_is_no_worse(new, old, common):
     assert f"0 worse, 0 missing, 0 new; all together take {common:.2f} of the time" in str(found)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("change", "said"),
     [
         ({"slower": 2.0} | SLOWER, "1.50 times slower"),

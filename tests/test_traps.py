@@ -15,7 +15,7 @@ from pathlib import Path
 import crash
 import numpy as np
 import pytest
-from shared import all_scenes, relative, robot, states, takes
+from shared import all_scenes, each_row, relative, robot, states, takes
 from shared import truth as true_answers
 
 import condyn_pin as cp
@@ -784,7 +784,7 @@ pin.RigidConstraintModel(pin.ContactType.CONTACT_3D, model, 999, pin.ReferenceFr
 SOLE, ANKLE = "left_sole_link", "joint 'leg_left_6_joint'"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("wrong", "near"),
     [
         ("left_sole_lnk", "'left_sole_link'"),
@@ -818,7 +818,7 @@ def test_trap_24_a_name_like_no_other_lists_what_exists():
         cp.Scene(robot("four_bar"), [cp.PointContact("###")])
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("constraint", "where"),
     [
         *((cp.Loop("world", "universe", kind), "the world") for kind in ("ball", "weld")),
@@ -828,7 +828,6 @@ def test_trap_24_a_name_like_no_other_lists_what_exists():
         (cp.PointContact("world"), "the world"),
         (cp.SurfaceContact("universe"), "the world"),
     ],
-    ids=str,
 )
 def test_trap_24_two_frames_of_one_body_constrain_nothing(constraint, where):
     """Pinocchio: accepted by constraintDynamics as if it were not there; lcaba dies."""

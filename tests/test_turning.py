@@ -16,6 +16,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from oracle import Oracle, exact, mp, of_quaternion
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin._core.models import joints_with_turning_axes
@@ -181,7 +182,7 @@ def test_the_oracle_still_finds_them(label):
     assert np.abs(oracle_answer(label) - wanted).max() < 1e-12 * np.abs(wanted).max()
 
 
-@pytest.mark.parametrize("name", sorted(TURNING))
+@each_row("name", sorted(TURNING))
 def test_pinocchios_own_derivatives_are_refused_where_axes_turn(name):
     scene = cp.Scene(floating(name))
     with pytest.raises(cp.errors.UnsupportedConstraint, match=r"'odd'.*axes turn"):

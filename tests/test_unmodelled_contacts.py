@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin.constraints import Ball, Box, JointLimit, Plane
@@ -39,7 +40,7 @@ def dropped(robot, *contacts, duration=0.4, on=None):
     return cp.simulate(scene, np.zeros(2), np.zeros(2), duration=duration, dt=1e-3)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("shape", "turn", "lowest"),
     [
         (BOX, 0.0, 0.05),
@@ -90,7 +91,7 @@ def test_other_planes_are_named_and_what_no_contact_touches_is_no_ground(tmp_pat
     assert cp.simulate(bare, np.zeros(2), np.zeros(2), duration=0.4).notices == ()
 
 
-@pytest.mark.parametrize("name", ["go2", "solo12", "cassie", "talos", "anymal_c"])
+@each_row("name", ["go2", "solo12", "cassie", "talos", "anymal_c"])
 def test_robots_on_their_feet_have_nothing_in_the_ground(name):
     robot = cp.load_robot(name)
     scene = cp.Scene(robot, robot.loops, contacts=robot.frictional_contacts(0.7))

@@ -13,6 +13,7 @@ import pytest
 from fuzz import assert_survived
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from shared import each_row
 from urdf_texts import INERTIA, SWING, joint, link, tip
 
 import condyn_pin as cp
@@ -296,7 +297,7 @@ WRONG = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("sentence", WRONG)
+@each_row("sentence", WRONG)
 def test_what_is_wrong_is_said(read, sentence):
     with pytest.raises(cp.errors.InvalidModel, match=re.escape(sentence)):
         read(*WRONG[sentence])

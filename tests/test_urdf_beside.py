@@ -9,6 +9,7 @@ from itertools import pairwise
 import numpy as np
 import pinocchio as pin
 import pytest
+from shared import each_row
 from urdf_texts import SWING, link, tip
 
 import condyn_pin as cp
@@ -28,7 +29,7 @@ def swing(folder, first, second, *more, name="robot"):
 # Names
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("first", "second", "name", "kind"),
     [
         ("closedloop1_A", "closedloop1_B", "closedloop1", "weld"),
@@ -62,7 +63,7 @@ def test_joints_have_such_names_too(tmp_path):
     assert (loop.frame_a, loop.frame_b) == ("closedloop1_A", "closedloop1_B")
 
 
-@pytest.mark.parametrize(
+@each_row(
     "names",
     [
         ("closedloop1_A", "closedloop2_B"),
@@ -123,7 +124,7 @@ def test_a_loop_is_a_weld_unless_the_file_says_otherwise(ends):
     assert cp.load_robot(ends).loops[0].kind == "weld"
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("text", "loop"),
     [
         ("planar y", {"kind": "planar", "axis": "y"}),
@@ -249,7 +250,7 @@ def test_a_card_comes_first(ends):
     assert len(robot.loops) == 1
 
 
-@pytest.mark.parametrize(
+@each_row(
     "text",
     [
         "",
@@ -299,7 +300,7 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize(("said", "text"), WRONG.items(), ids=WRONG)
+@each_row(("said", "text"), WRONG.items())
 def test_what_is_wrong_is_named(ends, said, text):
     ends.with_suffix(".yaml").write_text(text)
     with pytest.raises(cp.CondynError) as caught:

@@ -7,6 +7,7 @@ import sys
 import numpy as np
 import pinocchio as pin
 import pytest
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin.errors import UnmodelledWarning
@@ -131,7 +132,7 @@ LOST = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("sentence", LOST)
+@each_row("sentence", LOST)
 def test_what_is_wrong_with_a_loop_is_said(sentence):
     with pytest.raises(cp.errors.CondynError, match=sentence):
         bars(LOST[sentence])

@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from sdf_texts import joint, link, pose
-from shared import HAS_LCABA, robot
+from shared import HAS_LCABA, each_row, robot
 
 import condyn_pin as cp
 from condyn_pin._core.models import indices
@@ -141,7 +141,7 @@ def test_an_unknown_variant_is_answered_with_the_near_ones(variant, says):
         cp.load_robot("cassie", variant=variant)
 
 
-@pytest.mark.parametrize("variant", ["springs", {"springs": 3}, {1: "free"}, ["springs"], 3])
+@each_row("variant", ["springs", {"springs": 3}, {1: "free"}, ["springs"], 3])
 def test_a_variant_that_is_no_mapping_of_names_is_refused(variant):
     for name in ("cassie", "four_bar"):
         with pytest.raises(cp.InvalidArgument, match="variant = "):
@@ -215,7 +215,7 @@ CONFIGS = {
 }
 
 
-@pytest.mark.parametrize(("text", "says"), CONFIGS.values(), ids=CONFIGS)
+@each_row(("text", "says"), CONFIGS)
 def test_a_wrong_config_is_refused_with_the_entry(tmp_path, text, says):
     inertial = (
         "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/>"

@@ -12,7 +12,7 @@ from types import SimpleNamespace
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import each_robot
+from shared import each_robot, each_row
 from viewed import bent, cassie, drawing, held, parts, standing, swinging
 
 import condyn_pin as cp
@@ -390,7 +390,7 @@ def test_meshes_are_looked_for_in_the_package_folders(tmp_path):
             cp.load_robot(path, package_dirs=wrong)
 
 
-@pytest.mark.parametrize("shape", ["<cylinder/>", '<box size="1 2"/>', "<sphere/>", "<cone/>"])
+@each_row("shape", ["<cylinder/>", '<box size="1 2"/>', "<sphere/>", "<cone/>"])
 def test_a_shape_without_its_sizes_is_said(tmp_path, shape):
     path = tmp_path / "r.urdf"
     path.write_text(_URDF.replace('<box size="1 2 3"/>', shape))

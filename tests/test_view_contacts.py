@@ -8,6 +8,7 @@ from itertools import pairwise
 import matplotlib as mpl
 import numpy as np
 import pytest
+from shared import each_row
 from viewed import drawing, parts
 
 import condyn_pin as cp
@@ -312,7 +313,7 @@ def test_bars_cover_the_time_without_overlap(ax):
     assert [label.get_text() for label in ax.get_yticklabels()] == BELOW[:1]
 
 
-@pytest.mark.parametrize("plot", [plots.gaps, plots.normal_forces,
+@each_row("plot", [plots.gaps, plots.normal_forces,
                                   plots.modes])  # fmt: skip
 def test_diagrams_say_what_they_cannot_draw(plot, ax):
     with pytest.raises(cp.errors.UnknownName, match="nothing"):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import plain_meshes as plain
 import pytest
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin.io import meshes
@@ -127,7 +128,7 @@ def test_other_formats_are_read(tmp_path, name, text, wanted):
     assert is_as_plainly_read(path)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("name", "content"),
     [
         ("no.dae", b"<COLLADA"),

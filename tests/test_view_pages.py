@@ -19,7 +19,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from shared import calls, robot
+from shared import calls, each_row, robot
 from shell import condyn
 from viewed import bent, drawing, standing, swinging
 
@@ -179,7 +179,7 @@ def test_a_chromium_that_hangs_is_started_once_more(monkeypatch, tmp_path):
         chromium.screenshot("<html></html>", png)
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("wrong", "said"),
     [
         (lambda: cp.view("cassie"), "load_robot makes a Robot of a name"),

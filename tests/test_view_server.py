@@ -6,6 +6,7 @@ import socket
 import threading
 
 import pytest
+from shared import each_row
 
 import condyn_pin as cp
 from condyn_pin.viewing import viewer as server
@@ -54,7 +55,7 @@ def test_this_machine_is_answered(viewer, host):
     assert body.decode() == viewer.html
 
 
-@pytest.mark.parametrize(
+@each_row(
     "headers",
     [
         ["Host: evil.example:{port}"],
@@ -79,7 +80,7 @@ def test_a_page_of_somebody_else_reads_nothing(viewer, headers):
     assert b"MeshCat" not in body
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("request_line", "status"),
     [
         ("GET /../etc/passwd HTTP/1.1", 404),

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from shared import robot
+from shared import each_row, robot
 from shell import condyn
 from typer.testing import CliRunner
 
@@ -93,7 +93,7 @@ def test_a_full_disk_leaves_the_old_file(name, writers, tmp_path, full_disk):
     assert os.listdir(tmp_path) == [name]
 
 
-@pytest.mark.parametrize("name", WRITERS)
+@each_row("name", WRITERS)
 def test_folders_that_are_not_there_are_named(name, writers, tmp_path):
     with pytest.raises(cp.InvalidArgument, match=r"cannot be written: there is no folder .*no;"):
         writers[name](tmp_path / "no" / name)
@@ -200,7 +200,7 @@ def test_results_that_no_longer_fit_are_named(table, tmp_path, monkeypatch):
     assert Results(tmp_path / "rows").find("f", table.rows[0].key) == table.rows[0]
 
 
-@pytest.mark.parametrize(
+@each_row(
     ("key", "value"),
     [("error", "x"), ("parameters", 3), ("solver", None), ("where", []), ("found", -1)],
 )
