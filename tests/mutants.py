@@ -55,7 +55,6 @@ class Room:
 
 ROOMS = [
     Room("dynamics/proof.py", 30, "solution numerics weights contract"),
-    Room("dynamics/proof.py", 30, "solution numerics weights contract"),
     Room("dynamics/digits.py", 30, "digits mechanisms variants"),
     Room("constraints/rows/redundancy.py", 30, "scene solvers extremes derivatives open_states"),
     Room("constraints/contacts/*.py", 40, "contacts contact_pairs steppers"),

@@ -268,3 +268,6 @@ def test_former_members_warn_and_forward():
         assert scene.natives is pinocchio_constraints_of(scene)
     with pytest.raises(AttributeError, match="no attribute 'nonsense'"):
         _ = scene.nonsense
+    workspace, state = cp.Workspace(scene), (*scene.state(), np.ones(3))
+    with pytest.warns(DeprecationWarning, match=r"Workspace\.acceleration"):
+        assert (workspace.next_acceleration(*state) == workspace.acceleration(*state)).all()

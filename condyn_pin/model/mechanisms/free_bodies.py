@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint import Vector3, check_positive, floats
-from condyn_pin.model.mechanisms.machine import LICENCE, mechanism, rod, source
+from condyn_pin.model.mechanisms.machine import LICENCE, SOURCE, mechanism, rod
 from condyn_pin.model.robot import Robot
 
 
@@ -152,4 +152,4 @@ def _floating(name: str, frame: str, inertia: Any, height: float) -> Robot:
 
 
 def _robot(name: str, model: Any, postures: Mapping[str, Array]) -> Robot:
-    return Robot(name, model, postures=postures, source=source("free_bodies"), licence=LICENCE)
+    return Robot(name, model, postures=postures, source=SOURCE, licence=LICENCE)

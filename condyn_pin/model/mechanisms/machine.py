@@ -67,7 +67,7 @@ class Machine:
             loops=loops,
             actuated=actuated,
             unused=(f"limits of position ({limited} joints)",) if limited else (),
-            source=source(model.name),
+            source=SOURCE,
             licence=LICENCE,
         )
 
@@ -156,6 +156,7 @@ def on_circle(angle: float) -> Array:
     return np.array([cos(angle), sin(angle), 0.0])
 
 
+SOURCE: Final = "built in condyn_pin/model/mechanisms"
 LICENCE: Final = "BSD-2-Clause (this project)"
 
 MECHANISMS: dict[str, Callable[[], Robot]] = {}
@@ -168,11 +169,6 @@ def mechanism(build: Builder) -> Builder:
     name, by_default = build.__name__, cast(Callable[[], Robot], build)
     register(MECHANISMS, name, by_default, f"a mechanism named {name}")
     return build
-
-
-def source(name: str) -> str:
-    """Return the source of a mechanism, as its robot names it."""
-    return f"built in condyn_pin/model/mechanisms/{name}.py"
 
 
 def add_rod(model: Any, name: str, parent: int, at: float, length: float, mass: float) -> int:

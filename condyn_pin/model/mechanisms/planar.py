@@ -17,6 +17,7 @@ from condyn_pin.constraints.point_contact import PointContact
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.mechanisms.machine import (
     LICENCE,
+    SOURCE,
     Machine,
     X,
     Y,
@@ -27,7 +28,6 @@ from condyn_pin.model.mechanisms.machine import (
     mechanism,
     round_rod,
     solid,
-    source,
 )
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.soundness import MOST_JOINTS
@@ -68,7 +68,7 @@ def pendulum(*, length: float = 1.0, mass: float = 1.0) -> Robot:
         model,
         postures={"hanging": np.zeros(1), "horizontal": np.array([math.pi / 2])},
         actuated=("pivot",),
-        source=source("pendulum"),
+        source=SOURCE,
         licence=LICENCE,
     )
 
@@ -117,7 +117,7 @@ def chain(n: int = 10, *, length: float = 1.0, mass: float = 1.0) -> Robot:
         model,
         postures={"hanging": down, "straight": np.zeros(n)},
         actuated=names,
-        source=source("chain"),
+        source=SOURCE,
         licence=LICENCE,
     )
 
@@ -172,7 +172,7 @@ def four_bar(
         postures={"open": _open_posture(ground, crank, coupler, rocker)},
         loops=(Loop("coupler_tip", "rocker_tip", name="coupler_rocker"),),
         actuated=("crank",),
-        source=source("four_bar"),
+        source=SOURCE,
         licence=LICENCE,
     )
 
@@ -327,7 +327,7 @@ def n_four_bar(n: int = 2, *, length: float = 1.0, mass: float = 1.0) -> Robot:
         postures={"square": _parallel(n, math.pi / 2), "flat": _parallel(n, 0.0)},
         loops=tuple(loops),
         actuated=("crank0",),
-        source=source("n_four_bar"),
+        source=SOURCE,
         licence=LICENCE,
     )
 
@@ -475,7 +475,7 @@ def compass_walker(
         model,
         postures={"upright": np.array([0.0, length, 0.0, 0.0])},
         contacts=(PointContact("left_foot"), PointContact("right_foot")),
-        source=source("compass"),
+        source=SOURCE,
         licence=LICENCE,
     )
 

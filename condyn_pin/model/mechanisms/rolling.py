@@ -15,7 +15,7 @@ from condyn_pin.constraints.knife_edge import KnifeEdge
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.rolling_ball import RollingBall
 from condyn_pin.constraints.rolling_wheel import RollingWheel
-from condyn_pin.model.mechanisms.machine import LICENCE, disc, mechanism, source
+from condyn_pin.model.mechanisms.machine import LICENCE, SOURCE, disc, mechanism
 from condyn_pin.model.robot import Robot
 
 
@@ -44,7 +44,7 @@ def _robot(
         postures=postures,
         contacts=(contact,),
         actuated=actuated,
-        source=source("rolling"),
+        source=SOURCE,
         licence=LICENCE,
     )
 
@@ -320,7 +320,7 @@ def car(*, trailers: int = 0, wheelbase: float = 2.5, hitch: float = 2.0) -> Rob
         postures={"origin": np.zeros(model.nq)},
         contacts=tuple(blades),
         actuated=("steering",),
-        source=source("car"),
+        source=SOURCE,
         licence=LICENCE,
     )
 
@@ -378,7 +378,7 @@ def ackermann(*, wheelbase: float = 2.5, track: float = 1.4, arm: float = 0.15) 
         postures={"straight": np.zeros(2)},
         loops=(rod,),
         actuated=("left",),
-        source=source("car"),
+        source=SOURCE,
         licence=LICENCE,
     )
 
