@@ -11,7 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from fuzz import assert_survived
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from sdf_texts import ARM, INERTIAL, closures, couplings, frame_poses, joint, link, pose
 
@@ -117,7 +117,6 @@ def test_the_file_that_is_mutated_below_is_a_valid_one(fuzz_file):
     assert [c.name for c in closures(cut)] == ["shoulder", "socket"]
 
 
-@settings(max_examples=300)
 @given(edits=st.lists(st.tuples(st.integers(0, len(VALUES) - 1), STRANGE), min_size=1, max_size=3))
 def test_a_file_with_strange_values_gives_a_model_or_a_condyn_error(fuzz_file, edits):
     pieces = list(PIECES)
@@ -127,7 +126,6 @@ def test_a_file_with_strange_values_gives_a_model_or_a_condyn_error(fuzz_file, e
     assert_a_model_or_a_condyn_error(fuzz_file, text.encode("utf-8", "surrogatepass"))
 
 
-@settings(max_examples=300)
 @given(data=st.data())
 def test_a_file_with_elements_lost_or_moved_gives_a_model_or_a_condyn_error(fuzz_file, data):
     sdf = ElementTree.fromstring(VALID)

@@ -41,6 +41,8 @@ OCTAGON = FrictionCone(
     0.6, sides=8
 )  # within the cones of the floor: what is asked for, it can give
 
+LONG = pytest.mark.long  # thousands of ticks
+
 
 class Standing:
     """A robot on the floor under a controller, and every answer that was applied."""
@@ -138,7 +140,9 @@ def test_a_robot_stands_on_contacts_that_may_open() -> None:
 
 # Impulses that take the capture point a share of the way to the edge of the feet, by m omega d:
 # what a robot that does not step can stand, and what it cannot, is on either side of all the way.
-@pytest.mark.parametrize(("way", "share"), [((1, 0), 0.8), ((0, 1), 0.8), ((1, 1), 0.5)])
+@pytest.mark.parametrize(
+    ("way", "share"), [pytest.param((1, 0), 0.8, marks=LONG), ((0, 1), 0.8), ((1, 1), 0.5)]
+)
 def test_pushes_below_the_capture_point_bound_are_taken_up(
     way: tuple[float, float], share: float
 ) -> None:
@@ -152,7 +156,11 @@ def test_pushes_below_the_capture_point_bound_are_taken_up(
     assert all(set(modes[-1:]) == {"stick"} for modes in run.modes.values())
 
 
-@pytest.mark.parametrize(("way", "d"), [((1, 0), 0.195), ((0, -1), 0.169), ((-1, 1), 0.239)])
+@pytest.mark.parametrize(
+    ("way", "d"),
+    [pytest.param((1, 0), 0.195, marks=LONG), pytest.param((0, -1), 0.169, marks=LONG),
+     ((-1, 1), 0.239)],
+)  # fmt: skip
 def test_nine_tenths_of_what_a_pendulum_can_stand_are_taken_up(
     way: tuple[float, float], d: float
 ) -> None:
@@ -196,6 +204,7 @@ def test_cassie_stands_nine_tenths_of_it_sideways_on_feet_that_no_motor_rolls() 
     assert cassie.off(run) < 0.02
 
 
+@LONG
 @pytest.mark.parametrize(("turn", "share", "lasts"), [(0.0, 0.98, 2.0), (8.0, 0.95, 1.6)])
 def test_cassie_stands_at_a_corner_where_her_springs_throw_a_foot_off(
     turn: float, share: float, lasts: float
@@ -365,7 +374,7 @@ def test_a_foot_that_carries_nothing_rattles_on_its_springs_where_gains_are_fast
     assert change() > 5 * slow
 
 
-@pytest.mark.parametrize("way", [(1, 0), (0, 1)])
+@pytest.mark.parametrize("way", [pytest.param((1, 0), marks=LONG), (0, 1)])
 def test_pushes_beyond_it_are_not(way: tuple[float, float]) -> None:
     standing = solo()
     run = standing.run(0.8, impulse(standing, way, 1.2))
