@@ -30,6 +30,8 @@ ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
 PAGES = [README, *sorted((ROOT / "docs").glob("*.md"))]
 TEXTS = {page: page.read_text(encoding="utf-8") for page in PAGES}
+# Their code repeats in loops what other pages do once.
+LONG = ("contact-models", "monte-carlo", "painleve")
 # Blocks that only one Pinocchio can run say so in the line above them.
 ONLY = re.compile(r"<!-- only: pinocchio (\d) -->\n")
 MAJOR = "4" if _pin.HAS_LCABA else "3"
@@ -75,9 +77,12 @@ def test_there_are_pages():
 
 def pages_of_python() -> list[object]:
     """The pages with blocks of Python; some use the compiled core where it is installed."""
-    core = pytest.mark.native(optional=True)
+    marks = {page: [pytest.mark.long] if page.stem in LONG else [] for page in PAGES}
+    for page in PAGES:
+        if "MissingExtra" in TEXTS[page]:
+            marks[page].append(pytest.mark.native(optional=True))
     return [
-        pytest.param(page, marks=core if "MissingExtra" in TEXTS[page] else (), id=page.stem)
+        pytest.param(page, marks=marks[page], id=page.stem)
         for page in PAGES[1:]
         if blocks(page, "python")
     ]
