@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+from functools import cache
 from pathlib import Path
 
 import mutants
@@ -11,14 +12,14 @@ import pytest
 pytestmark = pytest.mark.once
 
 TESTS = Path(__file__).parent
+chosen = cache(mutants.chosen)
 
 
 def test_there_are_some_of_every_room_and_the_same_again():
-    of_rooms = mutants.chosen(0)
+    of_rooms = chosen(0)
     assert sum(len(found) for _, found in of_rooms) > 450
     assert all(found for _, found in of_rooms)
     assert mutants.chosen(0) == of_rooms
-    assert mutants.chosen(1) != of_rooms
 
 
 def test_the_tests_of_every_room_exist():
@@ -52,6 +53,6 @@ def is_even(n: int) -> bool:
         ("2", "3"),
         ("0", "1"),
     ]
-    for _, found in mutants.chosen(0):
+    for _, found in chosen(0):
         source = (mutants.ROOT / mutants.PACKAGE / found[0].file).read_bytes()
         assert ast.dump(ast.parse(found[0].applied(source))) != ast.dump(ast.parse(source))

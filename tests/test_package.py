@@ -159,22 +159,6 @@ for wanted in (
     assert all("pip install ./native" in line for line in said[2:])
 
 
-def test_nothing_in_the_library_prints():
-    for path in PACKAGE.rglob("*.py"):
-        calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
-        printed = [c.lineno for c in calls if getattr(c.func, "id", "") == "print"]
-        assert not printed, f"{path}: print in lines {printed}; return a text, or use cli/output.py"
-
-
-def test_nothing_in_the_library_needs_a_checkout():
-    """What measures it is in `benchmarks`, which no wheel has."""
-    for path in PACKAGE.rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
-            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
-            assert "lab" not in {name.split(".")[0] for name in names}, path
-
-
 def test_marker_for_type_checkers_is_there():
     assert (PACKAGE / "py.typed").is_file()
 

@@ -6,11 +6,9 @@ Tests that share a number in their names share a trap.
 
 from __future__ import annotations
 
-import ast
 import copy
 import functools
 import pickle
-from pathlib import Path
 
 import crash
 import numpy as np
@@ -25,7 +23,6 @@ from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from lab.extremes.base import Units
 
 GRAVITY = 9.81
-LIBRARY = Path(cp.__file__).parent
 IS_4 = _pin.VERSION >= (4, 0)
 
 SOLVERS = [s() for s in cp.dynamics.SOLVERS.values() if s.exact and not s.missing()]
@@ -1024,61 +1021,6 @@ def test_a_limit_that_is_nan_is_not_mistaken_for_an_edit():
     model.upperPositionLimit = np.array([1.0, np.nan])
     with pytest.raises(cp.errors.InvalidModel, match="NaN, such as a limit"):
         cp.Robot("chain", model)
-
-
-# --- one file knows the version
-
-
-def modules() -> dict[str, ast.Module]:
-    files = sorted(LIBRARY.rglob("*.py"))
-    assert len(files) > 20
-    return {str(f.relative_to(LIBRARY)): ast.parse(f.read_text(encoding="utf-8")) for f in files}
-
-
-def names_in(tree: ast.Module) -> set[str]:
-    """Return every name, attribute and import of a module; docstrings and comments are not."""
-    found = set()
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Attribute):
-            found |= {node.attr, ast.unparse(node)}
-        elif isinstance(node, ast.Name):
-            found.add(node.id)
-        elif isinstance(node, ast.alias):
-            found |= {node.name, f"import {node.name}"}
-        elif isinstance(node, ast.ImportFrom):
-            found.add(f"import {node.module}")
-        elif isinstance(node, ast.Call) and not node.args and isinstance(node.func, ast.Attribute):
-            found.add(f".{node.func.attr}()")
-    return found
-
-
-DIFFERS = {
-    *("initConstraintDynamics", "residualSize", "corrector", "m_baumgarte_parameters"),
-    *("contact_chol", "constraint_chol", "computeJointMinimalOrdering", "pin.lcaba"),
-    *("getConstraintsJacobian", ".size()", "pin.__version__", "pinocchio.__version__"),
-}
-# What is wrong in Pinocchio: traps 12 and 13, and a copied Data, which works until it is used (22).
-WRONG = {
-    *("computeDelassusMatrix", "computeDampedDelassusMatrixInverse", "absolute_residual"),
-    *("desired_contact_placement", "desired_contact_velocity", "desired_contact_acceleration"),
-    *("impulseDynamics", "contactInverseDynamics", "getConstraintJacobian", "pin.Data"),
-}
-
-
-def test_one_module_knows_what_differs_between_versions_and_none_uses_what_is_wrong():
-    """Pinocchio 3.9 and 4: other names, other arguments, other units of the same thing."""
-    trees = modules()
-    nobody_needs = {"residualSize", ".size()", "getConstraintsJacobian", "pinocchio.__version__"}
-    assert names_in(trees["_core/_pin.py"]) >= DIFFERS - nobody_needs
-    for file, tree in trees.items():
-        names = names_in(tree)
-        assert not names & WRONG, file
-        assert not {name for name in names if name.lower().endswith("data.copy")}, file
-        if file != "study/mujoco/bridge.py":  # MuJoCo's model may be copied
-            assert not names & {"deepcopy", "copy.copy"}, file
-        if file != "_core/_pin.py":  # whose import explains how that of Pinocchio can fail
-            assert not names & DIFFERS, file
-            assert "import pinocchio" not in names, file
 
 
 # --- forces: their sum, their place, their sign
