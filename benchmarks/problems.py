@@ -121,7 +121,11 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
             x, y = ([row[key] for row in points] for key in ("cpu_seconds", "error"))
             ax.plot(x, y, **lines.of(method))
         ax.set(
-            title=name, xlabel="CPU time [s]", ylabel="error of the problem", xscale="log", yscale="log"
+            title=name,
+            xlabel="CPU time [s]",
+            ylabel="error of the problem",
+            xscale="log",
+            yscale="log",
         )
         ax.set_ylim(1e-15, 10.0)  # what broke down is off the picture
         ax.xaxis.set_minor_formatter("")

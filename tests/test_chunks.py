@@ -27,6 +27,12 @@ def square(x: int) -> int:
     return x * x
 
 
+def refuse(x: int) -> int:
+    if x == 3:
+        raise cp.InvalidArgument("x = 3: another number is needed")
+    return x
+
+
 def die_once(mark: str, x: int) -> int:
     """Kill the worker at x = 3, the first time."""
     if x == 3:
