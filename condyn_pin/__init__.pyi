@@ -11,6 +11,7 @@ from . import io as io
 from . import layers as layers
 from . import mechanism as mechanism
 from . import model as model
+from . import nonholonomic as nonholonomic
 from . import simulation as simulation
 from . import stepping as stepping
 from . import study as study

@@ -12,7 +12,14 @@ from shared import each_row, robot
 
 import condyn_pin as cp
 from condyn_pin.constraints import Coupling, Driven, HeldJoint, Sine
-from condyn_pin.mechanism import curvature, growth_vector, is_integrable
+from condyn_pin.mechanism import (
+    controllability,
+    curvature,
+    growth_vector,
+    is_integrable,
+    lie_bracket,
+)
+from condyn_pin.nonholonomic import vakonomic
 
 GRAVITY = 9.81
 
@@ -38,12 +45,12 @@ def test_growth_vectors_of_the_literature(name):
         assert growth_vector(scene, q) == GROWTH[name]
 
 
-@pytest.mark.parametrize("trailers", [0, 1])
+@pytest.mark.parametrize("trailers", [0, 1, 2])
 def test_a_car_with_trailers_gets_everywhere(trailers):
     scene = on_contacts(cp.model.car(trailers=trailers))
     q = np.random.default_rng(0).uniform(-0.4, 0.4, scene.robot.nq)
     for place in (None, q):
-        assert growth_vector(scene, place, deepest=5) == tuple(range(2, 5 + trailers))
+        assert growth_vector(scene, place, deepest=6) == tuple(range(2, 5 + trailers))
 
 
 def test_a_jackknifed_trailer_takes_one_bracket_more():
@@ -54,6 +61,76 @@ def test_a_jackknifed_trailer_takes_one_bracket_more():
     q[4] = np.pi / 2  # the car across its first trailer
     assert growth_vector(scene, q, deepest=6) == (2, 3, 4, 5, 5, 6)
     assert growth_vector(scene, q, deepest=5) == (2, 3, 4, 5)  # as far as it has looked
+
+
+def test_brackets_of_a_unicycle_are_those_of_its_two_fields():
+    """[turn, roll] = (-sin, cos, 0, 0) radius: the direction that the wheel forbids."""
+    scene, radius = on_contacts(robot("unicycle")), 0.3
+
+    def roll(q):
+        return np.array([radius * np.cos(q[2]), radius * np.sin(q[2]), 0.0, 1.0])
+
+    def turn(q):
+        return np.array([0.0, 0.0, 1.0, 0.0])
+
+    q = np.array([0.4, -0.1, 0.7, 0.2])
+    across = radius * np.array([-np.sin(0.7), np.cos(0.7), 0.0, 0.0])
+    assert lie_bracket(scene, turn, roll, q) == pytest.approx(across, abs=1e-8)
+    assert lie_bracket(scene, roll, turn, q) == pytest.approx(-across, abs=1e-8)
+
+
+def test_a_verdict_by_chow():
+    for name, growth in GROWTH.items():
+        found = controllability(on_contacts(robot(name)))
+        assert found.growth == growth
+        assert found.controllable
+    short = controllability(on_contacts(cp.model.car(trailers=1)), deepest=3)
+    assert (short.controllable, short.growth, short.dimension) == (False, (2, 3, 4), 5)
+    assert "3 levels" in str(short)
+
+
+def body_on_a_plane():
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "plane")
+    inertia = pin.Inertia(1.3, np.zeros(3), 0.2 * np.eye(3))
+    model.appendBodyToJoint(joint, inertia, pin.SE3.Identity())
+    return cp.Scene(cp.Robot("body", model)), np.array([0.0, 0.0, 1.0, 0.0])
+
+
+# A force on a planar body at a point h ahead of its centre (Lewis and Murray 1997): along the line
+# to the centre it moves on that line alone, across it gets everywhere.
+FORCES = {
+    "along": ([[1.0, 0.0, 0.0]], 1, False),
+    "across": ([[0.0, 1.0, 0.4]], 3, None),
+    "both": ([[1.0, 0.0, 0.0], [0.0, 1.0, 0.4]], 3, None),
+    "a torque": ([[0.0, 0.0, 1.0]], 1, False),
+    "all": (np.eye(3), 3, True),
+}
+
+
+@pytest.mark.parametrize(("inputs", "reached", "verdict"), FORCES.values(), ids=list(FORCES))
+def test_a_body_with_a_thruster_is_accessible_where_lewis_and_murray_have_it(
+    inputs, reached, verdict
+):
+    scene, q = body_on_a_plane()
+    found = controllability(scene, q, torques=np.transpose(inputs), deepest=3)
+    assert found.growth[-1] == reached
+    assert found.controllable is verdict
+    assert found.driven == len(inputs)
+
+
+def test_motors_of_a_unicycle_drive_all_that_it_may():
+    scene = on_contacts(robot("unicycle"))
+    both = controllability(scene, torques=np.eye(4)[:, 2:])
+    assert both.controllable
+    assert both.growth == GROWTH["unicycle"]
+    assert controllability(scene, torques=np.eye(4)[:, 3]).growth == (1,)
+    with pytest.raises(cp.InvalidArgument, match="torques"):
+        controllability(scene, torques=np.ones(3))
+    pendulum = cp.Scene(cp.model.pendulum())
+    q = np.full(pendulum.robot.nq, 0.5)
+    with pytest.raises(cp.InvalidArgument, match="gravity moves"):
+        controllability(pendulum, q, torques=np.eye(pendulum.robot.nv))
 
 
 def test_integrable_rows_do_not_grow():
@@ -113,35 +190,13 @@ def test_curvature_is_zero_where_rows_are_integrable():
     assert pytest.approx(np.array([[-1.3, 0.0, 0.7]]), abs=1e-12) == K
 
 
-def vakonomic(scene, q, v, mu, duration, dt):
-    """M a + h = A^T lam - K^T mu, mu' = -lam, by Runge-Kutta's method."""
-    model, workspace = scene.robot.model, cp.Workspace(scene, cp.DenseKKT())
-
-    def slope(q, v, mu):
-        a = workspace.acceleration(q, v, -curvature(scene, q, v).T @ mu)
-        return a, -workspace.lam()
-
-    for _ in range(round(duration / dt)):
-        # joints about which q is a vector, but for the plane: exp of the mean twist is of order 2
-        rates = [(v, *slope(q, v, mu))]
-        for share in (0.5, 0.5, 1.0):
-            w, a, m = rates[-1]
-            end = pin.integrate(model, q, share * dt * w)
-            rates.append((v + share * dt * a, *slope(end, v + share * dt * a, mu + share * dt * m)))
-        w, a, m = (
-            sum(k * np.array(each) for k, each in zip((1, 2, 2, 1), column, strict=True)) / 6
-            for column in zip(*rates, strict=True)
-        )
-        q, v, mu = pin.integrate(model, q, dt * w), v + dt * a, mu + dt * m
-    return q, v, mu
-
-
 def test_a_vakonomic_sleigh_is_that_of_eulers_and_poincares_equations():
     """p' = ad*_xi p with p = dl/dxi + mu e_2: u and omega, and the momentum across."""
     arm, m, inertia = 0.2, 1.0, 0.1
     scene = on_contacts(cp.model.sleigh(arm=arm, mass=m, inertia=inertia))
     q, v, mu = np.array([0.0, 0.0, 1.0, 0.0]), np.array([1.0, 0.0, 2.0]), np.array([0.3])
-    _, moved, at_end = vakonomic(scene, q, v, mu, 0.5, 1e-2)
+    motion = vakonomic(scene, q, v, mu, duration=0.5, dt=1e-2)
+    moved, at_end = motion.v[-1], motion.mu[-1]
     J = inertia + m * arm**2
 
     def slope(t, y):
@@ -155,7 +210,7 @@ def test_a_vakonomic_sleigh_is_that_of_eulers_and_poincares_equations():
     assert m * arm * moved[2] + at_end[0] == pytest.approx(exact[2], abs=1e-7)
     # d'Alembert's is another motion, also from mu = 0
     machine = cp.simulate(scene, q, v, duration=0.5, dt=1e-3)
-    other = vakonomic(scene, q, v, np.zeros(1), 0.5, 1e-2)[1]
+    other = vakonomic(scene, q, v, duration=0.5, dt=1e-2).v[-1]
     assert abs(machine.v[-1] - other).max() > 0.05
 
 

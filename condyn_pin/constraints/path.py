@@ -244,6 +244,10 @@ def analytic(values: Callable[[Any], ArrayLike], *, radius: float = 0.05) -> Alo
 _NEAR: Final = 1e-4
 _OFF: Final = 0.05
 
+# Rates that are none [m/s, rad/s, and per second]: a path that leaves rest as t^5 bends within the
+# differences.
+_STILL: Final = 1e-9
+
 
 def along_at(along: Along, t: float, rows: int, name: str) -> Array:
     """Path s, s' and s'' (3, rows) at a time, or InvalidArgument."""
@@ -284,7 +288,7 @@ def _fault(along: Along, rows: int, name: str, t: float) -> str:
                     (1, "third value is not the rate of the second")):  # fmt: skip
         rate = (after[i] - before[i]) / (2 * _NEAR)
         # what rounding leaves of a difference, and the bend within it
-        least = 1e-12 * size[i] / _NEAR + 1e-6 * size[i + 1] + _NEAR * size[2]
+        least = 1e-12 * size[i] / _NEAR + 1e-6 * size[i + 1] + _NEAR * size[2] + _STILL
         if (np.abs(rate - here[i + 1]) > _OFF * np.abs(rate) + least).any():
             return (
                 f"{what}: {text_of(here[i + 1])} at t = {t + _NEAR:g} s, where differences have "

@@ -4,11 +4,14 @@ from .assembling import assemble_batch as assemble_batch
 from .assembling import place_on_ground as place_on_ground
 from .classification import Classification as Classification
 from .classification import curvature as curvature
-from .classification import growth_vector as growth_vector
 from .classification import is_integrable as is_integrable
 from .closing import Assembly as Assembly
 from .closing import AssemblyStatus as AssemblyStatus
 from .closing import anchored as anchored
+from .controllability import Controllability as Controllability
+from .controllability import controllability as controllability
+from .controllability import growth_vector as growth_vector
+from .controllability import lie_bracket as lie_bracket
 from .minimal_scene import Minimal as Minimal
 from .minimal_scene import ReductionErrors as ReductionErrors
 from .minimal_scene import ReductionStep as ReductionStep
