@@ -19,7 +19,7 @@ def driven(plan):
                        integrator=exact)  # fmt: skip
 
 
-# A period of u_1 = A sin(2 pi s), u_2 = B cos(2 pi k s) moves z_(k+2), and leaves those before alone.
+# A period of u_1 = A sin(2 pi s), u_2 = B cos(2 pi k s) moves z_(k+2), and none of those before.
 disc = cp.model.unicycle()
 unicycle = ChainedForm(cp.Scene(disc, disc.contacts))
 parked = driven(steer_by_sinusoids(unicycle, np.zeros(4), [0, 1, 0, 0], ahead=4.0))
@@ -27,10 +27,11 @@ parked = driven(steer_by_sinusoids(unicycle, np.zeros(4), [0, 1, 0, 0], ahead=4.
 car = cp.model.car(trailers=1)
 truck = ChainedForm(cp.Scene(car, car.contacts))
 goal = np.array([0.0, 1.0, 0.1, 0.0, -0.05])  # x, y, heading, steering, hitch
+ahead = goal + np.array([9.0, 0.0, 0.0, 0.0, 0.0])
 backed = driven(steer_by_sinusoids(truck, np.zeros(5), goal, ahead=8.0))
 
 # Polynomials do it at once, where the goal is further ahead or back.
-passed = driven(steer_by_polynomials(truck, np.zeros(5), goal + [9.0, 0, 0, 0, 0]))
+passed = driven(steer_by_polynomials(truck, np.zeros(5), ahead))
 
 if "--no-view" not in sys.argv:
     import matplotlib.pyplot as plt
@@ -42,6 +43,6 @@ if "--no-view" not in sys.argv:
     plt.legend()
     plt.savefig("parking.png")
 
-ends = (parked.q[-1], [0, 1, 0, 0]), (backed.q[-1], goal), (passed.q[-1], goal + [9.0, 0, 0, 0, 0])
+ends = (parked.q[-1], [0, 1, 0, 0]), (backed.q[-1], goal), (passed.q[-1], ahead)
 off = max(float(np.abs(end - place).max()) for end, place in ends)
 print(f"parked a metre to the side, three times: error {off:.0e} m, rad")

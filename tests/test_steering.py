@@ -74,7 +74,7 @@ def test_sinusoids_park_a_vehicle_that_is_simulated(made, ahead):
         plan.driven(), *plan.state(), duration=plan.duration, dt=0.25, integrator=EXACT
     )
     assert run.status.ok
-    assert run.q[-1] == pytest.approx(goal, abs=1e-8)  # a unicycle's roll too, which is no part of z
+    assert run.q[-1] == pytest.approx(goal, abs=1e-8)  # its roll too, no part of z
     n = form.size
     for t, q in zip(run.t[::4], run.q[::4], strict=True):
         assert q[:n] == pytest.approx(plan.pose(t), abs=1e-8)
@@ -117,10 +117,10 @@ def test_a_plan_is_pickled_and_its_joints_move_as_their_rates_say():
 
 
 def test_what_is_no_vehicle_or_no_place_is_refused():
-    sleigh, form = robot("sleigh"), form_of(cp.model.car)
+    sleigh, form, car = robot("sleigh"), form_of(cp.model.car), cp.model.car()
     refused = [
         ("no joint", lambda: ChainedForm(cp.Scene(sleigh, sleigh.contacts))),
-        ("leave 3 velocities", lambda: ChainedForm(cp.Scene(cp.model.car(), cp.model.car().contacts[:1]))),
+        ("leave 3 velocities", lambda: ChainedForm(cp.Scene(car, car.contacts[:1]))),
         ("below 90", lambda: form.to_chained([0.0, 0.0, 1.6, 0.0])),
         ("ahead = 0", lambda: steer_by_sinusoids(form, np.zeros(4), np.ones(4), ahead=0.0)),
         ("period", lambda: steer_by_sinusoids(form, np.zeros(4), np.ones(4), ahead=1, period=0)),

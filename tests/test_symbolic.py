@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import mpmath
 import numpy as np
 import pytest
@@ -20,6 +22,7 @@ from lagrange_cases import (
     gains,
     rod_pendulum,
 )
+from shared import robot
 
 import condyn_pin as cp
 
@@ -183,3 +186,79 @@ def test_the_roots_are_those_of_the_linearised_library(drift):
     swing = [1.0, 0.0, float(GRAVITY / LENGTH)]
     wanted = np.polymul(swing, [1.0, 2 * drift.alpha, drift.beta**2])
     assert_near(np.poly(A), wanted, 1e-11)
+
+
+# --- Scene.symbolic ------------------------------------------------------------------------------
+
+
+def on_everything(made: cp.Robot) -> cp.Scene:
+    return cp.Scene(made, [*made.loops, *made.contacts])
+
+
+def bar(constraint: cp.constraints.Constraint) -> cp.Scene:
+    return cp.Scene(robot("four_bar"), [constraint])
+
+
+DERIVED = {
+    "a ball loop, three hinges": lambda: on_everything(robot("four_bar")),
+    "a planar pin": lambda: bar(cp.Loop("coupler_tip", "rocker_tip", "planar", axis="y")),
+    "a hinge": lambda: bar(cp.Loop("coupler_tip", "rocker_tip", "hinge", axis="y")),
+    "a rod": lambda: bar(cp.Loop("crank_tip", "rocker_tip", "rod", length=0.8)),
+    "a curved coupling": lambda: bar(
+        cp.constraints.Coupling("rocker", "crank", -0.5, 0.7, higher=(0.3, -0.2))
+    ),
+    "a wheel that rolls": lambda: on_everything(robot("unicycle")),
+    "a disc that floats": lambda: on_everything(robot("rolling_disc")),
+    "a blade on a plane": lambda: on_everything(robot("sleigh")),
+    "a body welded to the world": lambda: cp.Scene(
+        robot("rolling_ball"), [cp.SurfaceContact("centre", half_length=0.1, half_width=0.1)]
+    ),
+}
+
+
+@pytest.mark.parametrize("made", DERIVED.values(), ids=list(DERIVED))
+def test_formulas_of_a_scene_have_the_numbers_of_its_terms(made):
+    scene = made()
+    derived, workspace = scene.symbolic(), cp.Workspace(scene)
+    rng = np.random.default_rng(6)
+    for _ in range(2):
+        q, v = scene.sample(rng)
+        wanted, found = workspace.terms(q, v), derived.terms(q, v)
+        for name in ("M", "h", "J", "gamma"):
+            assert_near(getattr(found, name), getattr(wanted, name), 1e-13)
+
+
+def test_formulas_of_a_wheel_are_those_of_the_textbook():
+    """cos(heading) x' + sin(heading) y' = radius roll', -sin(heading) x' + cos(heading) y' = 0."""
+    scene = on_everything(robot("unicycle"))
+    derived = scene.symbolic()
+    heading, radius = derived.q[2], sp.Float(0.3, 17)
+    c, s = sp.cos(heading), sp.sin(heading)
+    textbook = sp.Matrix([[c, s, 0, -radius], [-s, c, 0, 0]])
+    assert sp.simplify(derived.J - textbook) == sp.zeros(2, 4)
+    assert sp.simplify(derived.gamma - (textbook * derived.v).jacobian(derived.q) * derived.v) == (
+        sp.zeros(2, 1)
+    )
+    K, k = derived.kkt()
+    q, v = scene.sample(np.random.default_rng(6))
+    tau = np.array([0.0, 0.0, 0.3, -0.2])
+    at = dict(zip([*derived.q, *derived.v, *derived.tau], [*q, *v, *tau], strict=True))
+    solution = cp.solve(scene, q, v, tau)
+    answer = np.array(K.subs(at).LUsolve(k.subs(at)), dtype=float).ravel()
+    assert_near(answer, np.append(solution.a, solution.lam), 1e-12)
+
+
+def test_what_has_no_formula_is_refused(monkeypatch):
+    four_bar = robot("four_bar")
+    own = cp.constraints.OwnRows(lambda q: np.eye(3)[:1], name="own")
+    driven = cp.constraints.Driven(cp.constraints.HeldJoint("crank"), cp.constraints.Sine(0.1))
+    for scene in (
+        cp.Scene(four_bar, [own]),
+        cp.Scene(four_bar, [driven]),
+        cp.Scene(robot("solo12"), contacts=robot("solo12").frictional_contacts(0.7)),
+    ):
+        with pytest.raises(cp.errors.UnsupportedConstraint):
+            scene.symbolic()
+    monkeypatch.setitem(sys.modules, "sympy", None)
+    with pytest.raises(cp.errors.MissingExtra, match="symbolic"):
+        cp.Scene(four_bar).symbolic()

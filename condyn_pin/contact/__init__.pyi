@@ -5,6 +5,7 @@ from .condense import soft_contact as soft_contact
 from .cones import ConeRows as ConeRows
 from .cones import FrictionCone as FrictionCone
 from .cones import Margin as Margin
+from .cones import RoundCone as RoundCone
 from .cones import WrenchCone as WrenchCone
 from .cones import cone_rows as cone_rows
 from .cones import margins as margins

@@ -130,7 +130,7 @@ class ConeRows:
 
 @dataclass(frozen=True)
 class Cone(ABC):
-    """Base of the cones, `FrictionCone` of a point and `WrenchCone` of a rectangle or an edge."""
+    """Base of the cones, those of a point and `WrenchCone` of a rectangle or an edge."""
 
     friction: float
     normal: Vector3 | None = field(default=None, kw_only=True)
@@ -325,6 +325,38 @@ class FrictionCone(Cone):
         if contact.has_normal:
             return np.broadcast_to(np.eye(3), R.shape)
         return np.asarray(z_along(self.floor_normal(up)).T @ R)
+
+
+@dataclass(frozen=True)
+class RoundCone(FrictionCone):
+    """Coulomb's cone of a point as it is, |f_t| <= mu f_n, and no pyramid: for a `Controller`.
+
+    A pyramid within the cone gives up some of what the floor can give, mu (1 - cos(pi / k)) of k
+    sides, and more in some directions than in others. This one makes the program of a tick one of
+    second-order cones; where it takes linear rows, as in `cone_rows`, it is the pyramid of eight
+    sides around it.
+
+    Parameters
+    ----------
+    friction : float
+        Coefficient of friction mu [1]; 0 for a floor without.
+    normal : (3,) sequence of float, optional
+        Of the floor at a `PointContact`, in the world, as for a `FrictionCone`.
+
+    Raises
+    ------
+    InvalidArgument
+        If friction is negative, or the normal is zero.
+    """
+
+    pyramid: Pyramid = field(default="outer", init=False, repr=False)
+    sides: int = field(default=8, init=False, repr=False)
+
+    def _slips(self, sides: int) -> Iterator[Row]:
+        """Yield the sides of the pyramid around it; a controller turns the first to the force."""
+        for name, entries in super()._slips(sides):
+            angle = name.removeprefix("slips at ")
+            yield "slips" if angle == "0 deg" else f"slips, {angle} aside", entries
 
 
 # WrenchCone: the wrenches that friction under a flat part of the robot, or an edge, can give.

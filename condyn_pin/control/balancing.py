@@ -40,7 +40,7 @@ from condyn_pin.constraints.constraint import check_positive
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.actuation import Actuation, motors_of
-from condyn_pin.control.cones import ContactCones, wrench_margin
+from condyn_pin.control.cones import pyramids, wrench_margin
 from condyn_pin.control.limits import TorqueLimits
 from condyn_pin.control.program import rigid_rows
 from condyn_pin.control.support import (
@@ -378,7 +378,7 @@ class BrakingRobot:
         self._limits = TorqueLimits.of(self._actuation, count=torque)
         names = checked_names("rigid", rigid, robot.joints, "joint")
         self._stiff = rigid_rows(robot, names, self._actuation.columns)
-        self._cones = ContactCones(scene, cones)
+        self._cones = pyramids(scene, cones)
         for contact, bound in zip(scene.constraints, scene.bounds, strict=True):
             if contact.presses and bound.rows.start not in self._cones.touching:
                 raise InvalidArgument(f"cones: none for {contact.name}, which then pulls as well")

@@ -21,7 +21,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled_tick, refuse
 from condyn_pin.constraints.rows.bound import STILL, placement
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.contact.cones import Cones, FrictionCone, WrenchCone
+from condyn_pin.contact.cones import Cones, FrictionCone, RoundCone, WrenchCone
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.answer import ControlAnswer, ControlResiduals, ControlStatus, active_rows
 from condyn_pin.control.hierarchy import DECIDED, SLACK, STRICTLY
@@ -56,8 +56,10 @@ def why_not(program: Program) -> Iterator[str]:
         yield "tasks: it answers the levels of a Hierarchy with their regularisation"
     if program.bounds.dt is not None:
         yield "limits: it does not stop joints at their ends (dt)"
+    if program.cones.rounds:
+        yield "cones: it has pyramids, and no round ones"
     for cone in program.cones.turning:
-        if type(cone.cone) not in (FrictionCone, WrenchCone):
+        if type(cone.cone) not in (FrictionCone, RoundCone, WrenchCone):
             yield f"cones: it does not turn a {type(cone.cone).__name__}"
     for task, bound in tasks_of(program):
         made = bound.compiled

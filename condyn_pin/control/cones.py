@@ -14,7 +14,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import pivots
 from condyn_pin._core.models import whole_data
-from condyn_pin.contact.cones import Cone, Cones
+from condyn_pin.contact.cones import Cone, Cones, RoundCone
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Sites, upward
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -35,6 +35,7 @@ class ContactCones:
         lower: list[float] = []
         upper: list[float] = []
         is_touching = np.zeros(scene.rows, dtype=bool)
+        rounds: list[tuple[slice, float]] = []
         column = row = 0
         for place, cone in _fitted_cones(scene, cones).items():
             contact, bound = scene.constraints[place], scene.bounds[place]
@@ -43,6 +44,8 @@ class ContactCones:
             block = (slice(row, row + len(table.A)), slice(column, column + bound.size))
             row, column = block[0].stop, block[1].stop
             names += [f"{bound.name}: {each}" for each in table.names]
+            if isinstance(cone, RoundCone) and cone.friction > tolerances.FRICTIONLESS:
+                rounds.append((block[0], cone.friction))
             last = self._groups[-1] if self._groups else None
             if last is None or not last.takes(contact, cone):
                 last = _Group(contact, cone)
@@ -55,6 +58,8 @@ class ContactCones:
         # lower, upper (r,): bounds of the inequalities: A lam <= 0, but A lam = 0 for independent
         # rows of cones without friction, which leaves nothing to the others
         self.lower, self.upper = np.array(lower), np.array(upper)
+        # rows and friction of each cone that is round, and no pyramid
+        self.rounds = tuple(rounds)
         self.touching, self.held = np.flatnonzero(is_touching), np.flatnonzero(~is_touching)
         self._shape = (row, column)
         turns = any(group.turns for group in self._groups)
@@ -83,6 +88,17 @@ class ContactCones:
         for group in self._groups:
             group.fill(A, oMi, self._up)
         return A
+
+
+def pyramids(scene: Scene, cones: Cones) -> ContactCones:
+    """Cones of a scene for a linear program; InvalidArgument if one is round."""
+    found = ContactCones(scene, cones)
+    if found.rounds:
+        raise InvalidArgument(
+            "cones: a RoundCone is no linear inequality, and only a Controller has round ones; use "
+            "FrictionCone(mu, sides=16), which loses 2 % of the friction"
+        )
+    return found
 
 
 class TurningCone(NamedTuple):
@@ -217,7 +233,7 @@ def wrench_margin(at: Sites, cones: Cones, f: Array, n: Array) -> float:
     # imported here: scipy.optimize takes as long to import as Pinocchio
     from scipy.optimize import linprog
 
-    bound = ContactCones(at.scene, cones)
+    bound = pyramids(at.scene, cones)
     A, G = bound.rows(placements(at)), grasp(at, bound)
     size = max(float(np.linalg.norm(f)), np.finfo(float).tiny)  # forces over this
     found = linprog(

@@ -26,8 +26,10 @@ from condyn_pin.control.hierarchy import Cascade, Hierarchy, Level, check_tasks,
 from condyn_pin.control.limits import ControllerSettings, ControlLimits
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.chain import ChainAnswer
+from condyn_pin.control.qp.solvers import DAQP
+from condyn_pin.control.qp.solvers import ProxQP
 from condyn_pin.control.qp.qp_solver import Constraints, PolishedAnswer, QPSolver, QuadraticProgram
-from condyn_pin.control.qp.solvers import DAQP, ProxQP
+from condyn_pin.control.second_order import SecondOrder
 from condyn_pin.control.tasks.task import Task
 from condyn_pin.dynamics.scene import Scene, check_at_all_times, check_bilateral, check_scene
 from condyn_pin.errors import InvalidArgument, MissingExtra, SolveFailed, UnsupportedBackend
@@ -156,12 +158,22 @@ class Controller(OneThread):
         self._arguments = Arguments(equations.model)
         self._still = np.zeros(scene.robot.nv)
         home = lru_cache(maxsize=1)(lambda: scene.state()[0])
+        bound = ContactCones(scene, cones)
         self._program = Program(
-            scene=scene, levels=levels, cones=ContactCones(scene, cones), limits=settings.limits,
+            scene=scene, levels=levels, cones=bound, limits=settings.limits,
             actuation=self.actuation, equations=equations, home=home, rigid=settings.rigid,
             regularisation=settings.regularisation,
         )  # fmt: skip
-        cascade = Cascade(settings.qp or default, len(levels), settings.regularisation)
+        cascade: Cascade | SecondOrder
+        if bound.rounds:
+            if len(levels) > 1:
+                raise InvalidArgument(
+                    "cones: the levels of a Hierarchy are quadratic programs, without round cones; "
+                    "weigh the tasks, or take FrictionCone(mu, sides=16)"
+                )
+            cascade = SecondOrder(settings.qp or default, bound)
+        else:
+            cascade = Cascade(settings.qp or default, len(levels), settings.regularisation)
         self._python = PythonTick(
             self._program, scene, cones, self.actuation, cascade, self._arguments
         )
@@ -282,7 +294,17 @@ class Controller(OneThread):
         -------
         QuadraticProgram
             A copy: the next tick does not change it.
+
+        Raises
+        ------
+        InvalidArgument
+            If a cone is round, or an argument has a wrong size or is not finite.
         """
+        if self._program.cones.rounds:
+            raise InvalidArgument(
+                "cones: with a RoundCone the program of a tick is one of second-order cones; that "
+                "of a FrictionCone is quadratic"
+            )
         given, levels = self._python.assembled(*self._accepted(q, v, t, passive))
         given = Constraints(*(each.copy() for each in given))  # the next tick overwrites them
         return weighted(given, levels[0])
@@ -325,7 +347,7 @@ class PythonTick:
 
     def __init__(
         self, program: Program, scene: Scene, cones: Cones, actuation: Actuation,
-        cascade: Cascade, arguments: Arguments,
+        cascade: Cascade | SecondOrder, arguments: Arguments,
     ) -> None:  # fmt: skip
         self._program, self._scene = program, scene
         self._cones, self._actuation = cones, actuation

@@ -27,7 +27,7 @@ import numpy as np
 from condyn_pin._core.arguments import check_type, register
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.cones import Cones
-from condyn_pin.control.cones import ContactCones, placements
+from condyn_pin.control.cones import placements, pyramids
 from condyn_pin.control.qp.chain import ChainAnswer, SolverLadder
 from condyn_pin.control.qp.qp_solver import QPSolver, QuadraticProgram
 from condyn_pin.control.qp.solvers import ProxQP
@@ -96,7 +96,7 @@ class ForceDistribution(ABC):
         Infeasible
             If no forces of this motion are within the cones; the text names the rows.
         """
-        bound = ContactCones(at.scene, self.cones)
+        bound = pyramids(at.scene, self.cones)
         A = np.zeros((len(bound.names), len(lam)))
         A[:, bound.touching] = bound.rows(placements(at))
         mass = at.scene.robot.mass

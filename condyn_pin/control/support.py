@@ -16,7 +16,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.models import z_along
 from condyn_pin.contact.cones import Cones
-from condyn_pin.control.cones import ContactCones, grasp, placements
+from condyn_pin.control.cones import grasp, placements, pyramids
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene
 from condyn_pin.dynamics.solution import Sites, upward
 from condyn_pin.errors import InvalidArgument
@@ -350,7 +350,7 @@ def _resting_region(at: Sites, cones: Cones, origin: Array) -> SupportPolygon:
     # imported here: scipy.optimize takes as long to import as Pinocchio
     from scipy.optimize import linprog
 
-    bound = ContactCones(at.scene, cones)
+    bound = pyramids(at.scene, cones)
     up = upward(at.scene)
     plane = SupportPlane(origin, axes_of(up))
     A, G = bound.rows(placements(at)), grasp(at, bound)

@@ -35,6 +35,7 @@ from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.contact import Contact, Mode
+    from condyn_pin.dynamics.symbolic import SymbolicScene
     from condyn_pin.mechanism.closing import Assembly
     from condyn_pin.mechanism.minimal_scene import Minimal
     from condyn_pin.mechanism.rank import Check, Rank
@@ -255,6 +256,27 @@ class Scene:
         from condyn_pin.mechanism.rank import rank
 
         return rank(self, q)
+
+    def symbolic(self) -> SymbolicScene:
+        """Return M, h, J, gamma and the KKT system as formulas of SymPy, for small scenes.
+
+        Joints are hinges, sliders, planes, balls and free-flyers, and rows all but those of your
+        own functions and of universal joints. Needs SymPy: the extra ``symbolic``.
+
+        Raises
+        ------
+        MissingExtra
+            If SymPy is not installed.
+        UnsupportedConstraint
+            If a joint or a constraint has no formula, contacts may open, or rows are driven.
+
+        Notes
+        -----
+        Seconds for a four-bar; formulas grow with the fourth power of the joints of a chain.
+        """
+        from condyn_pin.dynamics.symbolic import symbolic
+
+        return symbolic(self)
 
     def state(
         self, posture: str | None = None, *, on_ground: bool | None = None

@@ -42,7 +42,6 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import indices
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene, check_not_driven, check_scene
-
 from condyn_pin.errors import InvalidArgument
 
 # Numbers that may be complex: their imaginary parts are derivatives, of steps that are as small as
@@ -117,7 +116,7 @@ class ChainedForm:
 
     @cached_property
     def lengths(self) -> tuple[float, ...]:
-        """Distances L from each axle to the one ahead, the last axle first [m]; of a unicycle none."""
+        """Distances L from axles to those ahead, the last axle first [m]; of a unicycle none."""
         model, names = self.scene.robot.model, self.scene.robot.joints
         if "steering" not in names:
             return ()
@@ -194,9 +193,7 @@ class ChainedForm:
         z, rate = self.to_chained(q), finite("v", v, self.scene.robot.nv)[self._at[1]]
         last = 3 if self.lengths else 2  # the angle that is steered
         one, two = (self.pose_rate(z, u) for u in np.eye(2))
-        return np.linalg.solve(
-            [[one[0], two[0]], [one[last], two[last]]], [rate[0], rate[last]]
-        )
+        return np.linalg.solve([[one[0], two[0]], [one[last], two[last]]], [rate[0], rate[last]])
 
     def pose(self, z: Numbers) -> Numbers:
         """Return the values of the joints of the form (n,) at z (n,); complex z will do."""

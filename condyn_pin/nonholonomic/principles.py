@@ -403,7 +403,11 @@ class ChaplyginReduction:
     def _elsewhere(self, q: Array, rng: np.random.Generator) -> Array:
         """Return q with the fibre elsewhere; bodies keep their velocities in their own axes."""
         found, neutral = q.copy(), pin.neutral(self.scene.robot.model)
-        anywhere = pin.integrate(self.scene.robot.model, neutral, rng.normal(size=len(self.columns[0]) + len(self.columns[1])))
+        anywhere = pin.integrate(
+            self.scene.robot.model,
+            neutral,
+            rng.normal(size=len(self.columns[0]) + len(self.columns[1])),
+        )
         for name in self.fibre:
             joint = self._joint(name)
             size = _SHIFTS[joint.shortname()] if name.endswith(_PART) else int(joint.nq)
@@ -416,7 +420,7 @@ def _invariants(equations: Equations, q: Array, v: Array) -> tuple[Array, Array]
     """M with h, and the projector on what rows leave: both of v (nv,)."""
     terms = equations.terms(q, v)
     energy = np.append(terms.M.ravel(), terms.h)
-    return energy, np.linalg.pinv(terms.J, rcond=tolerances.RANK) @ terms.J
+    return energy, np.asarray(np.linalg.pinv(terms.J, rcond=tolerances.RANK) @ terms.J)
 
 
 # Both: how motions begin, and their steps.

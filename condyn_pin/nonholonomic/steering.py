@@ -146,7 +146,7 @@ class SteeringPlan:
         return Scene(scene.robot, [*scene.constraints, *drives])
 
     def state(self) -> tuple[Array, Array]:
-        """Return q (nq,) and v (nv,) at the beginning: other joints in neutral position, at rest."""
+        """Return q (nq,) and v (nv,) at the beginning: at rest, other joints in neutral position."""
         return self.form.to_joints(self.start), np.zeros(self.form.scene.robot.nv)
 
     def __add__(self, other: SteeringPlan) -> SteeringPlan:
@@ -262,14 +262,21 @@ def steer_by_sinusoids(
         if abs(change) <= _NONE * size:
             continue
         A, B = pi * ahead, change * factorial(k) * (4.0 / ahead) ** k
-        terms = _TERMS[0] + _TERMS[1] * k
-        u = (
-            Chebyshev.interpolate(lambda s, A=A: A * np.sin(2 * pi * s), terms, [0.0, 1.0]),
-            Chebyshev.interpolate(lambda s, B=B, k=k: B * np.cos(2 * pi * k * s), terms, [0.0, 1.0]),
-        )
+        u = _sine(A), _cosine(B, k)
         stages.append(_Stage.driven(z, u, period))
         z = stages[-1].at(1.0)
     return SteeringPlan(form, z0, z1, tuple(stages))
+
+
+def _sine(A: float) -> Any:
+    """A sin(2 pi s) as a polynomial."""
+    return Chebyshev.interpolate(lambda s: A * np.sin(2 * pi * s), _TERMS[0], [0.0, 1.0])
+
+
+def _cosine(B: float, k: int) -> Any:
+    """B cos(2 pi k s) as a polynomial."""
+    terms = _TERMS[0] + _TERMS[1] * k
+    return Chebyshev.interpolate(lambda s: B * np.cos(2 * pi * k * s), terms, [0.0, 1.0])
 
 
 def steer_by_polynomials(
