@@ -52,6 +52,11 @@ _AREAS = {
         "gradients",
         "constraints.drift",
     ),
+    "Nonholonomic machines": (
+        "nonholonomic",
+        "mechanism.controllability",
+        "mechanism.classification",
+    ),
     "Many states at once": ("simulation.batch", "stepping.batch", "_core.rows", "_core.work"),
     "Layers for torch and jax": ("layers",),
     "Time against error": ("study",),

@@ -301,7 +301,8 @@ INDEPENDENT: Final = 1e-6
 GRAVITY: Final = 9.81
 
 # How far points of contacts are off a plane that counts as theirs [m]: floors are no flatter, and
-# the soles of Talos, as its file has them, lean by 2e-3 rad.
+# the soles of Talos, as its file has them, lean by 2e-3 rad. A centre so
+# near to the edge of the support is on it.
 COPLANAR: Final = 1e-3
 
 # Change of a, relative to the larger of |a| and gravity, from which on a notice says that tau lacks

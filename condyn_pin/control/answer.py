@@ -155,7 +155,8 @@ class ControlAnswer:
         Of the tick [s].
     notices : tuple of str
         What deserves attention, a sentence each: contacts that cannot be kept, joints that are
-        beyond their limits or cannot be stopped before them. They change no status.
+        beyond their limits or cannot be stopped before them, forces on the edge of their cones, and
+        centres of pressure (ZMP) or mass on the edge of the support. They change no status.
     """
 
     u: Array

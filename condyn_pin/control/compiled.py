@@ -27,6 +27,7 @@ from condyn_pin.control.answer import ControlAnswer, ControlResiduals, ControlSt
 from condyn_pin.control.hierarchy import DECIDED, SLACK, STRICTLY
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.qp_solver import PolishedAnswer
+from condyn_pin.control.support import edge_notices
 from condyn_pin.control.tasks.task import BoundTask, CompiledTask, Task
 from condyn_pin.dynamics.compiled import of_model, of_rows, why_not_rows
 from condyn_pin.dynamics.scene import Scene
@@ -228,12 +229,14 @@ class CompiledTick:
             notices = self._program.unkept(q, out[at_v:at_a], a, lam, max(size, tolerances.GRAVITY))
         sides = self._sides[answered - 1]
         active = active_rows(self._program, sides.nonzero()[0], sides > 0) if sides.any() else ()
+        lam = out[at_lam:at_rigid]
+        notices += edge_notices(self._scene, q, lam, active)
         tau, motors = out[at_tau:at_lam], self._actuation
         return ControlAnswer(
             u=tau[motors.columns] / motors.gears,
             tau=tau,
             a=out[at_a:at_tau],
-            lam=out[at_lam:at_rigid],
+            lam=lam,
             rigid=out[at_rigid:at_errors],
             errors={name: errors[rows] for name, rows in self._errors.items()},
             active=active,

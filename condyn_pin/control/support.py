@@ -5,7 +5,7 @@ SupportPolygon: a convex polygon on a plane, and what of a robot touches the flo
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,10 +13,14 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.models import z_along
-from condyn_pin.contact.cones import Cones
+from condyn_pin._core.models import whole_data
+from condyn_pin.contact.cones import FAULTS, Cones
 from condyn_pin.control.cones import grasp, placements, pyramids
+from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene
 from condyn_pin.dynamics.solution import Sites, upward
 from condyn_pin.errors import InvalidArgument
@@ -276,6 +280,57 @@ def floor_pressure(at: Sites, lam: Array) -> Pressure:
         else:
             cops[contact.name] = np.full(3, np.nan)
     return Pressure(touching_points(at), exerted, cops, pressing)
+
+
+# Edges: forces on the surface of their cones, and centres on the edge of the support. A contact
+# that neither slips nor tips yet has no friction or area left for what was not foreseen.
+
+
+def edge_notices(scene: Scene, q: Array, lam: Array, active: Sequence[str]) -> tuple[str, ...]:
+    """Notices of contacts whose forces are on the edge of their cones, by the active rows."""
+    at_edge: dict[str, list[str]] = {}
+    for row in active:
+        name, _, fault = row.rpartition(": ")
+        if fault.startswith(FAULTS) and name in scene.names:
+            at_edge.setdefault(name, []).append(fault.partition(",")[0])
+    if not at_edge:
+        return ()
+    faults = {name: tuple(dict.fromkeys(found)) for name, found in at_edge.items()}
+    words = [f"{name} {' and '.join(_at_edge(found))}" for name, found in faults.items()]
+    notices = [f"forces on the edge of their cones: {listed(words)}"]
+    if any(each.startswith(("pulls", "tips")) for found in faults.values() for each in found):
+        notices += _centres_on_edge(Sites(scene, q, equations_of(scene)), lam)
+    return tuple(notices)
+
+
+def _at_edge(faults: Sequence[str]) -> list[str]:
+    """Words of a contact at its edges: without load it is at all of them."""
+    return ["carries nothing"] if "pulls" in faults else [f"nearly {fault}" for fault in faults]
+
+
+def _centres_on_edge(at: Sites, lam: Array) -> Iterator[str]:
+    """Yield notices of centres of pressure and mass that the support does not have within it."""
+    supports = [s for contact in at.scene.constraints if (s := contact.support) is not None]
+    if any(s.half_length is None or s.half_width is None for s in supports):
+        return  # of a size that the cone alone knows
+    pressure, up = floor_pressure(at, lam), upward(at.scene)
+    plane = plane_of(pressure.points, up) if len(pressure.points) and up.any() else None
+    if plane is None:  # on uneven ground edges are those of cones alone
+        return
+    f, n = pressure.exerted[:3], pressure.exerted[3:]
+    e = plane.axes[2]
+    model = at.scene.robot.unedited
+    centres = {"mass": np.array(pin.centerOfMass(model, whole_data(model), at.q))}
+    if float(f @ e) > 0.0:
+        moment = n - np.cross(plane.origin, f)
+        centres = {"pressure (ZMP)": plane.origin + np.cross(e, moment) / float(f @ e), **centres}
+    polygon = hull(plane, pressure.points)
+    for name, point in centres.items():
+        margin = polygon.margin(point)
+        if margin <= tolerances.COPLANAR:
+            beyond = margin < -tolerances.COPLANAR
+            place = f"{-1e3 * margin:.3g} mm beyond" if beyond else "on"
+            yield f"the centre of {name} is {place} the edge of the support"
 
 
 # The verb support_polygon: where a robot can stand, on one plane or on uneven ground.
