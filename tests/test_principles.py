@@ -9,7 +9,7 @@ from scipy.special import ellipj
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.model.mechanisms.registry import disc
+from condyn_pin.model.mechanisms.machine import disc
 from condyn_pin.nonholonomic import ChaplyginReduction, vakonomic
 
 MASS, INERTIA = 1.3, 0.2

@@ -26,9 +26,8 @@ from condyn_pin.control.hierarchy import Cascade, Hierarchy, Level, check_tasks,
 from condyn_pin.control.limits import ControllerSettings, ControlLimits
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.chain import ChainAnswer
-from condyn_pin.control.qp.solvers import DAQP
-from condyn_pin.control.qp.solvers import ProxQP
 from condyn_pin.control.qp.qp_solver import Constraints, PolishedAnswer, QPSolver, QuadraticProgram
+from condyn_pin.control.qp.solvers import DAQP, ProxQP
 from condyn_pin.control.second_order import SecondOrder
 from condyn_pin.control.support import edge_notices
 from condyn_pin.control.tasks.task import Task

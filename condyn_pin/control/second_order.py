@@ -28,7 +28,6 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.cones import RoundCone
 from condyn_pin.control.cones import ContactCones
@@ -36,7 +35,7 @@ from condyn_pin.control.hierarchy import Costs, Level, weighted
 from condyn_pin.control.qp.chain import ChainAnswer, SolverLadder
 from condyn_pin.control.qp.qp_solver import (
     Constraints,
-    Polished,
+    PolishedAnswer,
     QPSolver,
     QuadraticProgram,
     package,
@@ -167,7 +166,7 @@ class SecondOrder:
         return replace(program, C=C)
 
     def _from_answer(
-        self, rows: list[tuple[slice, float, Array]], answer: Polished, before: _Touching
+        self, rows: list[tuple[slice, float, Array]], answer: PolishedAnswer, before: _Touching
     ) -> _Touching:
         """Return the planes that touch the cones at an answer."""
         angles, multipliers = before.angles.copy(), np.zeros(len(rows))
@@ -183,7 +182,9 @@ class SecondOrder:
                 angles[i] = atan2(z_y, z_x)
         return _Touching(answer.x, angles, multipliers)
 
-    def _judged(self, program: QuadraticProgram, at: _Touching, answer: Polished) -> Polished:
+    def _judged(
+        self, program: QuadraticProgram, at: _Touching, answer: PolishedAnswer
+    ) -> PolishedAnswer:
         """Return an answer with the residual of the round cones, each by the plane at its force."""
         touched, z = self._touched(program, at), answer.z.copy()
         for (rows, mu, _), multiplier in zip(self._rows(program), at.z, strict=True):

@@ -16,8 +16,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.models import z_along
-from condyn_pin._core.models import whole_data
+from condyn_pin._core.models import whole_data, z_along
 from condyn_pin.contact.cones import FAULTS, Cones
 from condyn_pin.control.cones import grasp, placements, pyramids
 from condyn_pin.dynamics.at_state import equations_of

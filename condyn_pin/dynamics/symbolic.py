@@ -24,8 +24,14 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.joints import axes
-from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound, BoundConstraint, Terms
+from condyn_pin._core.models import axes
+from condyn_pin.constraints.rows.bound import (
+    FRAME,
+    POINT,
+    BoundBetweenFrames,
+    BoundConstraint,
+    Terms,
+)
 from condyn_pin.constraints.rows.special import (
     BoundCoupling,
     BoundRelation,
@@ -250,24 +256,24 @@ def _rows(sp: Any, bodies: _Bodies, bound: BoundConstraint) -> Any:
     if isinstance(bound, BoundRolling):
         return _rolled(sp, bodies, bound)
     relative = isinstance(bound, BoundRelation) and isinstance(bound.relation, RelativePosition)
-    if not isinstance(bound, Bound) and not relative:
+    if not isinstance(bound, BoundBetweenFrames) and not relative:
         raise UnsupportedConstraint(
             f"{bound.name}: rows of functions have no formula here; write them in SymPy beside "
             "those of symbolic()"
         )
     b: Any = bound
     (R1, p1), J1 = bodies.frame(b.joint1, b.placement1)
-    if isinstance(bound, Bound) and bound.is_held:
+    if isinstance(bound, BoundBetweenFrames) and bound.is_held:
         return b.sign * J1[list(b.selection), :]
     (R2, p2), J2 = bodies.frame(b.joint2, b.placement2)
     R, r = R1.T * R2, R1.T * (p2 - p1)
-    if isinstance(bound, Bound) and bound.is_rod:
+    if isinstance(bound, BoundBetweenFrames) and bound.is_rod:
         along = (r / sp.sqrt(r.dot(r))).T
         return b.sign * along * (J1[:3, :] - R * J2[:3, :])
-    if isinstance(bound, Bound) and bound.selection == POINT:
+    if isinstance(bound, BoundBetweenFrames) and bound.selection == POINT:
         return b.sign * (J1[:3, :] - R * J2[:3, :])
     linear = J1[:3, :] - _skew(sp, r) * J1[3:, :] - R * J2[:3, :]
-    if isinstance(bound, Bound) and bound.selection == FRAME:
+    if isinstance(bound, BoundBetweenFrames) and bound.selection == FRAME:
         linear = J1[:3, :] - R * J2[:3, :] - _skew(sp, r) * R * J2[3:, :]
     six = sp.Matrix.vstack(linear, J1[3:, :] - R * J2[3:, :])
     chosen = b.relation.chosen if relative else b.selection

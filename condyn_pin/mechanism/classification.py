@@ -25,8 +25,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.threads import one_blas_thread
 from condyn_pin._core.linalg import null_space
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.dynamics.derivatives.kkt import Linearisation
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument, NotAssembled

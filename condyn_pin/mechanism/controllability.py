@@ -36,12 +36,12 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_count, normalised
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import rank_of
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.dynamics.scene import Scene, check_not_driven, check_scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.classification import bracket, is_integrable
-from condyn_pin.mechanism.closing import Closer
+from condyn_pin.mechanism.closing import LoopCloser
 from condyn_pin.mechanism.rank import check
 
 # A field of velocities in the axes of the joints: q -> (nv,)
@@ -321,7 +321,7 @@ class _AllowedFields:
     """
 
     def __init__(self, scene: Scene) -> None:
-        self._model, self._closer = scene.robot.model, Closer.of(scene)
+        self._model, self._closer = scene.robot.model, LoopCloser.of(scene)
         self.rank = scene.nominal.rank
         self._projectors: dict[bytes, Array] = {}
 

@@ -39,7 +39,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised, quoted_names
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.joints import indices
+from condyn_pin._core.models import indices
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene, check_not_driven, check_scene
 from condyn_pin.errors import InvalidArgument

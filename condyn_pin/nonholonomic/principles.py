@@ -38,10 +38,9 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised, seconds, step_size
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.joints import difference
 from condyn_pin._core.linalg import rank_of
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import difference, whole_data
+from condyn_pin._core.threads import one_blas_thread
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.derivatives.kkt import Linearisation
