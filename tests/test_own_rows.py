@@ -201,3 +201,107 @@ def test_what_cannot_have_it_says_its_name(scenes, tmp_path):
     run = cp.simulate(own, q, v, duration=0.01)
     with pytest.raises(cp.errors.CondynError, match="rod: jacobian is a function"):
         run.save(tmp_path / "run.npz")
+
+
+# A bead on a wire that turns at W: c = n . x with n = (-sin W t, cos W t), of which time is a part.
+# Closed form: r = r_0 cosh W t, and the wire pushes with 2 m W r'.
+
+W, MASS = 1.3, 2.0
+
+
+def across(t):
+    return np.array([-np.sin(W * t), np.cos(W * t)])
+
+
+WIRES = {
+    "c(q, t)": OwnRows(
+        lambda q, t: across(t)[None],
+        violation=lambda q, t: [across(t) @ q],
+        name="wire",
+        rheonomic=True,
+    ),
+    "c(q, t) with its rates": OwnRows(
+        lambda q, t: across(t)[None],
+        violation=lambda q, t: [across(t) @ q],
+        rate=lambda q, v, t: W * across(t + np.pi / 2 / W)[None],
+        speed=lambda q, t: [-W * across(t + np.pi / 2 / W) @ q],
+        name="wire",
+        rheonomic=True,
+    ),
+    "J v = b(q, t)": OwnRows(
+        lambda q, t: across(t)[None],
+        speed=lambda q, t: [-W * across(t + np.pi / 2 / W) @ q],
+        name="wire",
+        rheonomic=True,
+    ),
+}
+
+
+@pytest.fixture(scope="module")
+def bead():
+    model = pin.Model()
+    i = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
+    i = model.addJoint(i, pin.JointModelPY(), pin.SE3.Identity(), "y")
+    model.appendBodyToJoint(i, pin.Inertia.FromSphere(MASS, 0.1), pin.SE3.Identity())
+    return cp.Robot("bead", model)
+
+
+@pytest.fixture(params=WIRES)
+def turning_wire(request, bead):
+    return cp.Scene(bead, [WIRES[request.param]])
+
+
+def test_a_bead_on_a_turning_wire(turning_wire):
+    """Position, force and energy of the closed form."""
+    r0, T = 0.4, 1.0
+    exact = cp.simulation.DormandPrince(1e-11, 1e-11)
+    run = cp.simulate(turning_wire, [r0, 0.0], [0.0, r0 * W], duration=T, integrator=exact)
+    r, rate = r0 * np.cosh(W * run.t), r0 * W * np.sinh(W * run.t)
+    along = np.array([np.cos(W * run.t), np.sin(W * run.t)]).T
+    assert np.abs(run.q - r[:, None] * along).max() < 1e-9
+    assert run.forces["wire"][:, 0] == pytest.approx(2 * MASS * W * rate, abs=1e-7)
+    assert run.status.ok
+    assert run.energy.driven[-1] == pytest.approx(MASS * rate[-1] ** 2, rel=1e-5)
+    stepped = cp.simulate(turning_wire, [r0, 0.0], [0.0, r0 * W], duration=T, dt=2e-3)
+    assert np.abs(stepped.q[-1] - run.q[-1]).max() < 1e-8
+
+
+def test_time_enters_one_instant(turning_wire):
+    """Solve, derivatives, projections, steps and control at a time."""
+    t = 0.7
+    scene = turning_wire.at(t)
+    q, v, tau = np.array([0.3, 0.2]), np.array([0.5, -0.4]), np.array([1.0, 2.0])
+    if scene.constraints[0].violation:
+        q = scene.assemble(q).q
+        assert across(t) @ q == pytest.approx(0.0, abs=1e-12)
+    v = cp.mechanism.project_velocity(scene, q, v)
+    n, along = across(t), np.array([np.cos(W * t), np.sin(W * t)])
+    r, rate = along @ q, along @ v
+    assert n @ v == pytest.approx(W * r, abs=1e-10)
+    a = cp.solve(scene, q, v, tau).a
+    # (n . x)'' = 0,    n' = -W along
+    assert a @ n == pytest.approx(2 * W * rate + W**2 * (n @ q), abs=1e-8)
+    assert a @ along == pytest.approx(along @ tau / MASS, abs=1e-8)
+    cp.derivatives(scene, q, v, tau, check=True)
+    cp.derivatives(scene, q, v, tau, drift=cp.Baumgarte(3.0, 5.0), check=True)
+    assert cp.dynamics.impact(scene, q, np.zeros(2)).v @ n == pytest.approx(W * r, abs=1e-9)
+    after = cp.step(scene, q, v, tau, dt=1e-4, integrator=cp.Moreau())
+    assert after.v - v == pytest.approx(1e-4 * a, abs=1e-6)
+
+
+def test_where_time_is_refused(turning_wire, tmp_path):
+    state = [0.4, 0.0], [0.0, 0.4 * W]
+    with pytest.raises(cp.errors.UnsupportedConstraint, match=r"wire.*scene\.at\(t\)"):
+        cp.solve(turning_wire, *state, np.zeros(2))
+    with pytest.raises(cp.errors.CondynError, match="wire: time is in its functions"):
+        cp.Scene(
+            turning_wire.robot,
+            [cp.constraints.Driven(turning_wire.constraints[0], cp.constraints.Sine(0.1))],
+        )
+    run = cp.simulate(turning_wire, *state, duration=0.01, integrator=cp.StewartTrinkle())
+    with pytest.raises(cp.errors.CondynError, match="wire: time is in its functions"):
+        cp.gradients.trajectory_derivatives(run)
+    with pytest.raises(cp.errors.CondynError, match=r"a function.*a kind of your own"):
+        run.save(tmp_path / "run.npz")
+    with pytest.raises(cp.errors.InvalidArgument, match=r"own: speed and time.*rheonomic=True"):
+        OwnRows(blade, speed=lambda q, t: [0.0], name="own")

@@ -1,9 +1,9 @@
-"""Rows of functions that a user writes: c(q) = 0 with its Jacobian, or A(q) v = 0."""
+"""Rows of functions that a user writes: c(q, t) = 0 with its Jacobian, or J(q, t) v = b(q, t)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final, Self
 
 import numpy as np
@@ -11,21 +11,24 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_type
-from condyn_pin._core.arrays import Array, text_of
+from condyn_pin._core.arrays import finite, text_of
 from condyn_pin.constraints.constraint import Constraint, FramedModel, text
-from condyn_pin.constraints.rows.special import BoundOwn
+from condyn_pin.constraints.path import Polynomial
+from condyn_pin.constraints.rows.bound import Drive
+from condyn_pin.constraints.rows.functions import BoundOwn
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 
 # Differences of functions that bend over 1e-2 rad are off by less, relative to J and J'.
 _OFF: Final = 1e-4
 _ROUNDING: Final = 1e-9  # of c, in its rate by differences
+_SOME_TIME: Final = 0.37  # at which functions are compared with their rates [s]
 
 
 @dataclass(frozen=True)
 class OwnRows(Constraint):
-    """Rows of your own functions of the whole q, on positions or on velocities.
+    """Rows of your own functions of the whole q, and of time, on positions or on velocities.
 
-        c(q) = 0,  J = dc/dq    or    J(q) v = 0;        J a + J' v = a_ref
+        c(q, t) = 0,  J = dc/dq    or    J(q, t) v = b(q, t);        J a + J' v - b' = a_ref
 
     Parameters
     ----------
@@ -41,46 +44,68 @@ class OwnRows(Constraint):
         derivatives of answers are then differences of differences, off by 1e-9.
     turns : bool
         Whether the rows are angles [rad], not lengths [m].
-    name : str
+    rheonomic : bool
+        Whether time enters: then the functions are of (q, t) [s], and `rate` of (q, v, t), with
+        dJ/dt in it.
+    speed : callable, optional
+        (q, t) -> b (rows,) [m/s or rad/s] of rows with time, J v = b: -dc/dt, which is differenced
+        by default, or the wanted velocity where there is no violation.
+    time : float, optional
+        The time at which they are evaluated [s]; ``scene.at(t)`` sets it.
+    name : str, optional
         Name of the constraint, which it needs.
 
     Raises
     ------
     InvalidArgument
         If there is no name, no function or no row; in a scene also if a function returns another
-        shape or no finite numbers, or if J v is not the rate of c.
+        shape or no finite numbers, or if J v - b is not the rate of c.
 
     Notes
     -----
     Functions are called often, with a q that is theirs to change, and return the same for the same
-    q. ``Driven(OwnRows(...), along)`` has c(q) = s(t), or J v = s'(t). The force is lam, J^T lam on
-    all coordinates: ``solution.forces[name].generalized()``. Files, the compiled core, `Soft` and
-    scenes of other coordinates (`Scene.lock`) refuse such rows.
+    q and t. ``Driven(OwnRows(...), along)`` has c(q) = s(t), or J v = s'(t). The force is lam,
+    J^T lam on all coordinates: ``solution.forces[name].generalized()``; where time enters, its
+    power lam . b is part of a trajectory's `energy`. Files, the compiled core, `Soft`, scenes of
+    other coordinates (`Scene.lock`), and derivatives of steps where time enters, refuse such rows.
     """
 
-    jacobian: Callable[[Array], ArrayLike]
+    jacobian: Callable[..., ArrayLike]
     rows: int = 1
-    violation: Callable[[Array], ArrayLike] | None = None
-    rate: Callable[[Array, Array], ArrayLike] | None = None
+    violation: Callable[..., ArrayLike] | None = None
+    rate: Callable[..., ArrayLike] | None = None
     turns: bool = False
+    rheonomic: bool = False
+    speed: Callable[..., ArrayLike] | None = None
+    time: float | None = None  # [s]
 
     def __post_init__(self) -> None:
         text("name", self.name, "constraint")
-        for argument in ("jacobian", "violation", "rate"):
+        for argument in ("jacobian", "violation", "rate", "speed"):
             value = getattr(self, argument)
             if not callable(value) and (value is not None or argument == "jacobian"):
                 raise InvalidArgument(f"{argument} = {text_of(value)}: a function is needed")
         check_type("rows", self.rows, int, "a number of rows is needed")
         if self.rows < 1:
             raise InvalidArgument(f"rows = {self.rows}: one row or more is needed")
-        check_type("turns", self.turns, bool, "True or False is needed")
+        for argument in ("turns", "rheonomic"):
+            check_type(argument, getattr(self, argument), bool, "True or False is needed")
+        if self.time is not None:
+            object.__setattr__(self, "time", float(finite("time", self.time, ())))
+        if (self.speed or self.time is not None) and not self.rheonomic:
+            raise InvalidArgument(
+                f"{self.name}: speed and time are for rows with time in them: rheonomic=True, and "
+                "functions of (q, t)"
+            )
         self._set_name(self.name)
 
     def bind(self, machine: FramedModel, rows: slice) -> BoundOwn:
         """Return the rows on all coordinates of a machine, J compared with the rate of c."""
+        # time enters as in rows that follow a path, and none of them moves them besides
+        at_rest = Drive(Polynomial(((0.0,),) * self.rows), self.time) if self.rheonomic else None
         bound = BoundOwn(
-            self.name, rows, machine.model, self.jacobian, self.violation, self.rate,
-            are_angles=self.turns, anchored=self.violation is not None,
+            self.name, rows, machine.model, anchored=self.violation is not None, drive=at_rest,
+            own=self,
         )  # fmt: skip
         self._check(bound)
         return bound
@@ -88,26 +113,43 @@ class OwnRows(Constraint):
     def _check(self, bound: BoundOwn) -> None:
         """Raise InvalidArgument for J unlike differences of c, or J' unlike those of J."""
         rng = np.random.default_rng(0)
-        model = bound.model
+        model, t, dt = bound.model, _SOME_TIME, float(self.rheonomic)
         at = pin.integrate(model, pin.neutral(model), 0.1 * rng.uniform(-1.0, 1.0, model.nv))
         v = rng.uniform(-1.0, 1.0, model.nv)
-        J, rate = bound.J(at), bound.J_rate(at, v)
-        least = _OFF * max(np.abs(J).max(), np.abs(rate).max())
-        least += _ROUNDING * np.abs(bound.c(at)).max()
-        if self.violation and (off := np.abs(bound.along(bound.c, at, v) - J @ v).max()) > least:
+        J, b, rate = bound.J(at, t), bound.b(at, t), bound.J_rate(at, v, t, dt)
+        least = _OFF * max(np.abs(J).max(), np.abs(rate).max(), np.abs(b).max())
+        least += _ROUNDING * np.abs(bound.c(at, t)).max()
+        off = np.abs(bound.along(bound.c, at, v, t, dt) - (J @ v - b)).max()
+        if self.violation and off > least:
+            words = ("(q, t) v - speed(q, t)", "(q, t)") if self.rheonomic else ("(q) v", "(q)")
             raise InvalidArgument(
-                f"{self.name}: jacobian(q) v is off the rate of violation(q) by {off:.3g}; columns "
-                "of J are those of Pinocchio's v, by which pin.integrate moves q"
+                f"{self.name}: jacobian{words[0]} is off the rate of violation{words[1]} by "
+                f"{off:.3g}; columns of J are those of Pinocchio's v, by which pin.integrate "
+                "moves q"
             )
-        if self.rate and (off := np.abs(bound.along(bound.J, at, v) - rate).max()) > least:
+        if self.rate and (off := np.abs(bound.along(bound.J, at, v, t, dt) - rate).max()) > least:
+            words = ("(q, v, t)", "(q, t)") if self.rheonomic else ("(q, v)", "(q)")
             raise InvalidArgument(
-                f"{self.name}: rate(q, v) is off the rate of jacobian(q) by {off:.3g}; correct it, "
-                "or leave it out for differences"
+                f"{self.name}: rate{words[0]} is off the rate of jacobian{words[1]} by {off:.3g}; "
+                "correct it, or leave it out for differences"
             )
 
     def bind_to_drive(self, machine: FramedModel, rows: slice) -> BoundOwn:
         """Return the rows as they are: J v is the rate of c everywhere."""
+        if self.rheonomic:
+            raise InvalidConstraint(
+                f"{self.name}: time is in its functions already; add the path to its violation"
+            )
         return self.bind(machine, rows)
+
+    def at(self, t: float) -> Self:
+        """Return the rows at a time t [s]."""
+        return replace(self, time=t) if self.rheonomic else self
+
+    @property
+    def is_rheonomic(self) -> bool:
+        """True if time enters the functions."""
+        return self.rheonomic
 
     @property
     def on_velocity(self) -> bool:

@@ -204,6 +204,12 @@ _KINDS: dict[str, type] = {
 }
 
 
+_CURES: Final = {"along": "a Path can be written, such as Sine or Polynomial"}
+_WRITE_A_KIND: Final = (
+    "a kind of your own can be written: a dataclass that inherits from FrameRelation or Constraint"
+)
+
+
 def encode(value: Any) -> dict[str, Any]:
     """Return a frozen dataclass as its name and its fields, those in them likewise."""
     assert is_dataclass(value)
@@ -211,7 +217,7 @@ def encode(value: Any) -> dict[str, Any]:
     if functions := [key for key, x in of_it.items() if callable(x) and not is_dataclass(x)]:
         raise InvalidArgument(
             f"{getattr(value, 'name', type(value).__name__)}: {functions[0]} is a function, and no "
-            "file can hold one; a Path can be written, such as Sine or Polynomial"
+            f"file can hold one; {_CURES.get(functions[0], _WRITE_A_KIND)}"
         )
     coded = {key: encode(x) if is_dataclass(x) else x for key, x in of_it.items()}
     return {"class": type(value).__name__, **coded}

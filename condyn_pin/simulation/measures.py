@@ -22,7 +22,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.models import algorithms
 from condyn_pin._core.threads import ThreadCache
-from condyn_pin.constraints.path import along_at
+
 from condyn_pin.constraints.rows.equations import MANY, BatchedGaps, Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.integrators.integrator import Integrator
@@ -195,12 +195,12 @@ def gauge_of(scene: Scene) -> Gauge:
     return _gauges.of(scene, None, lambda: Gauge(scene))
 
 
-def drive_power(scene: Scene, t: Array, lam: Array) -> Array:
-    """Return the power lam . s' of driven constraints at samples t (k,), lam (k, m) [W]."""
+def drive_power(scene: Scene, t: Array, q: Array, lam: Array) -> Array:
+    """Return the power lam . s' of driven constraints at samples t (k,), q and lam (k, m) [W]."""
     power = np.zeros(len(t))
     for bound in scene.bounds:
         if bound.drive:
-            rates = [along_at(bound.drive.along, each, bound.size, bound.name)[1] for each in t]
+            rates = [bound.wanted_rate(*each) for each in zip(q, t.tolist(), strict=True)]
             power += (lam[:, bound.rows] * np.array(rates)).sum(axis=1)
     return power
 

@@ -388,8 +388,9 @@ def _driven_work(trajectory: Trajectory) -> tuple[Array, Array]:
 
 
 def _drive_power(trajectory: Trajectory, phase: Phase) -> Array:
-    lam = trajectory.lam[phase.samples][:, list(phase.columns)]
-    return drive_power(phase.scene, trajectory.t[phase.samples], lam)
+    its = phase.samples
+    lam = trajectory.lam[its][:, list(phase.columns)]
+    return drive_power(phase.scene, trajectory.t[its], trajectory.q[its], lam)
 
 
 def _chained(parts: list[Array]) -> Array:

@@ -33,10 +33,10 @@ from condyn_pin.constraints.partials.motion import (
 )
 from condyn_pin.constraints.rows.bound import BoundBetweenFrames, BoundConstraint
 from condyn_pin.constraints.rows.frames import AXES, ONE, ROWS, PointEnds, rows_of
+from condyn_pin.constraints.rows.functions import BoundFunctions
 from condyn_pin.constraints.rows.special import (
     FLAT,
     BoundCoupling,
-    BoundOwn,
     BoundRelation,
     BoundRolling,
     skews,
@@ -58,7 +58,7 @@ class ConstraintPartials:
         self._rolling = RollingPartials(frames, bounds, drift)
         self._points = PointPartials(model, data, bounds, drift)
         self._couplings = [b for b in bounds if isinstance(b, BoundCoupling)]
-        self._own = [b for b in bounds if isinstance(b, BoundOwn)]
+        self._own = [b for b in bounds if isinstance(b, BoundFunctions)]
         on_joints = self._couplings or self._own
         # what makes arrays for `write`: zeros where there are couplings, all other rows are written
         self.make: Callable[[tuple[int, ...]], Array] = np.zeros if on_joints else np.empty
@@ -97,9 +97,15 @@ class ConstraintPartials:
                 by_state[row, columns] -= second * (a[columns] + Kd * v_i) + third * v_i**2
                 by_state[row, [n + column for column in columns]] -= 2.0 * second * v_i
         for own in self._own:
-            J[own.rows], K = own.J(q), own.bend(q)
-            K_v = np.einsum("rij,i->rj", K, v)  # partials of J v
-            s_q, s_v = np.einsum("rij,i->rj", K, a) + own.gamma_q(q, v), K_v + K @ v
+            t = own.time
+            J[own.rows], K = own.J(q, t), own.bend(q, t)
+            K_v = np.einsum("rij,i->rj", K, v)  # partials of J v, and then of J v - b
+            s_q = np.einsum("rij,i->rj", K, a) + own.gamma_q(q, v, t)
+            s_v = K_v + K @ v
+            if own.rheonomic:
+                b_q = own.b_q(q, t)
+                s_v += own.J_rate(q, 0.0 * v, t, 1.0) - b_q
+                K_v -= b_q
             if drift := self._drift and (own.drift or self._drift):
                 s_q += drift.Kd * K_v + drift.Kp * own.anchored * J[own.rows]
                 s_v += drift.Kd * J[own.rows]
@@ -112,7 +118,7 @@ class ConstraintPartials:
             if b.bends:
                 out[b.rows.start, b.columns] = b.bent(q, 2) * w[b.columns]
         for own in self._own:
-            out[own.rows] = np.einsum("rij,i->rj", own.bend(q), w)
+            out[own.rows] = np.einsum("rij,i->rj", own.bend(q, own.time), w)
 
     def turning(self, out: Array) -> None:
         """Write the partials (m, nv) of J v by q, but for couplings."""

@@ -22,7 +22,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array, check_overflow
 from condyn_pin.constraints.drift import Baumgarte
-from condyn_pin.constraints.path import Along
+from condyn_pin.constraints.path import Along, along_at
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -123,6 +123,12 @@ class BoundConstraint(ABC):
     def positioned(self) -> range:
         """Rows with a position error."""
         return range(self.rows.start, self.rows.stop if self.anchored else self.rows.start)
+
+    def wanted_rate(self, q: Array, t: float) -> Array:
+        """Rate J v (size,) that the rows follow at q and t [s]."""
+        if not self.drive:
+            return np.zeros(self.size)
+        return along_at(self.drive.along, t, self.size, self.name)[1]  # type: ignore[no-any-return]
 
     @property
     def is_plain(self) -> bool:

@@ -30,8 +30,9 @@ from condyn_pin.constraints.forces import Load
 from condyn_pin.constraints.path import along_at
 from condyn_pin.constraints.rows.bound import BoundConstraint, Terms, TwoFrameConstraint, length
 from condyn_pin.constraints.rows.frames import AXES, MOVING, Balls, CutJoints, Ends, PointEnds, Rods
+from condyn_pin.constraints.rows.functions import BoundFunctions
 from condyn_pin.constraints.rows.groups import Groups, sorted_by_rows
-from condyn_pin.constraints.rows.special import BoundCoupling, BoundOwn, Rolling
+from condyn_pin.constraints.rows.special import BoundCoupling, Rolling
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import Redundancy, RedundantRows
@@ -49,7 +50,8 @@ class ConstraintRows:
     """Rows of one model's bound constraints, and the memory to evaluate them.
 
     memory (3, m + 1): where c, J v and J a + gamma are written, each followed by one more number
-    wanted (3, m): s, s' and s'' of rows that are driven; zero of all others
+    wanted (3, m): s, s' and s'' of rows that are driven; 0, b and b' of rows of functions with time
+        in them, at the last `motion`; zero of all others
     answer: what tells which answer was evaluated last (`answer_key`), while its groups and wrenches
         stand
     redundancy: finds the redundancy of the rows, or None where all rows count that are not zero
@@ -77,11 +79,12 @@ class ConstraintRows:
         self.answer = b""
         self._drives = [(b.rows, b.drive, b.name) for b in bounds if b.drive]
         self.wanted = np.zeros((3, self.m))
-        self.at(None)
         self._c, self._velocity, self._acceleration = memory[:, : self.m]
         self._groups = Groups(model, self.data, self.bounds, memory[1:])
-        self._couplings, self._evaluators = self._groups.couplings, self._groups.evaluators
-        others = self._couplings or self._drives  # which have a part in c too
+        self.at(None)
+        self._on_coordinates = self._groups.on_coordinates
+        self._evaluators = self._groups.evaluators
+        others = self._on_coordinates or self._drives  # which have a part in c too
         self._violations = [] if others else self._groups.violations
         self._leaning = [
             b for b in self.bounds if isinstance(b, TwoFrameConstraint) and b.has_computed_axes
@@ -102,6 +105,8 @@ class ConstraintRows:
     def at(self, t: float | None) -> None:
         """Set driven rows to their paths at t [s]; by default at the time of the scene."""
         self._put_wanted(t, self.wanted)
+        if self._groups.functions:
+            self._groups.functions.t = t
 
     def wanted_at(self, t: float | None) -> Array:
         """Array `wanted` (3, m) at t [s], owned by the caller; the rows stay at their time."""
@@ -230,8 +235,10 @@ class ConstraintRows:
         return np.asarray(self._acceleration + self.wanted[2])
 
     def torque(self, lam: Array) -> Array:
-        """Torques J^T lam (nv,) of couplings, which are no wrenches on joints."""
-        return self._couplings.torque(lam) if self._couplings else self._still
+        """Torques J^T lam (nv,) of rows on coordinates, which are no wrenches on joints."""
+        if not self._on_coordinates:
+            return self._still
+        return np.asarray(sum(group.torque(lam) for group in self._on_coordinates))
 
     def wrenches(self, lam: Array) -> Any:
         """Wrenches of lam on each joint, in its axes, right after `motion` at the same q."""
@@ -263,8 +270,10 @@ class ConstraintRows:
         c, velocity, acceleration = rows = self._c, self._velocity, self._acceleration
         for evaluate in self._evaluators:
             evaluate(c, velocity, acceleration)
-        if self._couplings:
-            self._couplings.evaluate(q, v, a, rows)
+        for group in self._on_coordinates:
+            group.evaluate(q, v, a, rows)
+        if self._groups.functions and self._drives:
+            self._groups.functions.demand(q, v, self.wanted)
         if self._flipped:
             for part in rows:
                 part *= self.sign
@@ -307,7 +316,8 @@ class BatchedGaps:
         self._gaps = np.zeros((2, MANY, equations.m))
         self._accelerations = np.zeros(MANY * equations.m)  # not asked for
         found = sorted_by_rows(equations.bounds)
-        self._at_once = not (found.held or found.welds or found.related or found.coupled)
+        self._at_once = not (found.held or found.welds or found.related)
+        self._at_once &= not (found.coupled or found.of_functions)
         self._at_once &= not equations.is_driven  # each state has a time of its own
         self._ends: list[ManyEnds] = []
         self._groups: list[Balls | CutJoints | Rods | Rolling] = []
@@ -417,7 +427,7 @@ class Cancellation:
         self._model, self._data = model, data
         self._couplings = np.zeros((sum(b.size for b in bounds), model.nv))
         self._bent: list[BoundCoupling] = []
-        self._own: list[BoundOwn] = []
+        self._own: list[BoundFunctions] = []
         self._ends: list[tuple[int, Any]] = []  # joint and placement of those that move
         self._arms: list[TwoFrameConstraint | None] = []  # what has an arm from c1 to c2
         self._shares = np.zeros((len(self._couplings), 2, 1))  # of shifts and of turns in each row
@@ -428,7 +438,7 @@ class Cancellation:
                 self._couplings[b.rows, b.columns] = np.abs(b.weights)
                 self._bent += [b] if b.bends else []
                 continue
-            if isinstance(b, BoundOwn):
+            if isinstance(b, BoundFunctions):
                 self._own.append(b)
                 continue
             assert isinstance(b, TwoFrameConstraint)
@@ -456,7 +466,7 @@ class Cancellation:
         for curve in self._bent:
             found[curve.rows, curve.columns] += np.abs(curve.bent(q, 1))
         for own in self._own:
-            found[own.rows] = np.abs(own.J(q))
+            found[own.rows] = np.abs(own.J(q, own.time))
         algorithms(data).computeJointJacobians(model, data, q)
         if not self._ends:
             return found
@@ -623,8 +633,8 @@ class Equations(ConstraintRows):
         else:
             bodies = self.recursion.newton_euler(q, v, a, wrenches, self.answer)
         np.subtract(bodies, tau, out=self._dynamics)
-        if self._couplings:
-            self._dynamics -= self._couplings.torque(lam)
+        for group in self._on_coordinates:
+            self._dynamics -= group.torque(lam)
 
     def _gamma(self, q: Array, v: Array) -> Array:
         """Drift gamma (m,); with drift control c and J v are left in memory."""

@@ -36,7 +36,9 @@ from condyn_pin.constraints.rows.frames import (
     WorldContacts,
     rows_of,
 )
+from condyn_pin.constraints.rows.functions import BoundFunctions, Functions
 from condyn_pin.constraints.rows.special import (
+    BoundCoupling,
     BoundRelation,
     BoundRolling,
     CoordinateRows,
@@ -56,7 +58,8 @@ class GroupedConstraints(NamedTuple):
     rods: list[BoundBetweenFrames]
     rolled: list[BoundRolling]
     related: list[BoundRelation]
-    coupled: list[CoordinateRows]
+    coupled: list[BoundCoupling]
+    of_functions: list[BoundFunctions]
 
 
 def sorted_by_rows(bounds: Sequence[BoundConstraint]) -> GroupedConstraints:
@@ -71,7 +74,8 @@ def sorted_by_rows(bounds: Sequence[BoundConstraint]) -> GroupedConstraints:
         rods=[b for b in loops if b.is_rod],
         rolled=[b for b in bounds if isinstance(b, BoundRolling)],
         related=[b for b in bounds if isinstance(b, BoundRelation)],
-        coupled=[b for b in bounds if isinstance(b, CoordinateRows)],
+        coupled=[b for b in bounds if isinstance(b, BoundCoupling)],
+        of_functions=[b for b in bounds if isinstance(b, BoundFunctions)],
     )
 
 
@@ -105,18 +109,23 @@ class OtherRows(Group, Protocol):
 class Groups:
     """All groups of one scene, and the memory that they share with its `Equations`.
 
-    They hold views of `data`. `evaluators` write the rows of all but couplings, and `violations` c
-    alone; there are none if a group needs velocities for that. `motion` (2, m + 1) is where J v and
-    J a + gamma are, a zero behind each.
+    They hold views of `data`. `evaluators` write the rows of all between frames, and `violations` c
+    alone; there are none if a group needs velocities for that. `on_coordinates` are couplings and
+    `functions`, whose forces are no wrenches. `motion` (2, m + 1) is where J v and J a + gamma are,
+    a zero behind each.
     """
 
     def __init__(
         self, model: Any, data: Any, bounds: Sequence[BoundConstraint], motion: Array
     ) -> None:
-        held, balls, welds, cut, rods, rolled, related, coupled = sorted_by_rows(bounds)
+        held, balls, welds, cut, rods, rolled, related, coupled, own = sorted_by_rows(bounds)
         self._model, self._data, self._m = model, data, motion.shape[1] - 1
         self.plain = PinocchioRows(model, data, bounds)
-        self.couplings = Couplings(coupled, model.nv) if coupled else None
+        self.functions = Functions(own, model.nv) if own else None
+        self.on_coordinates: list[Couplings | Functions] = [Couplings(coupled, model.nv)] * bool(
+            coupled
+        )
+        self.on_coordinates += [self.functions] if self.functions else []
         contacts = [WorldContacts(data, held, motion)] if held else []
         self.ball_ends = PointEnds(data, balls) if balls else None
         loops: list[Loops] = [Balls(self.ball_ends, balls)] if self.ball_ends else []
@@ -185,8 +194,8 @@ class Groups:
 
         for group in self._unlike_pinocchio:
             group.jacobian(J, of_frame)
-        if self.couplings:
-            self.couplings.jacobian(J)
+        for on_coordinates in self.on_coordinates:
+            on_coordinates.jacobian(J)
         return J
 
 

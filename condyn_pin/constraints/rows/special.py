@@ -16,10 +16,10 @@ from typing import Any, Final, Literal, Protocol, Self
 
 import numpy as np
 from numpy.polynomial import Polynomial
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array
 from condyn_pin._core.models import lengths
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.rows.bound import (
@@ -326,120 +326,10 @@ class BoundCoupling(CoordinateRows):
         return columns(self.columns)
 
 
-# Rows of functions that a user writes, of the whole q:
-#
-#     J v = 0,    J a + gamma,    gamma = J' v,    J' = sum over i of K_i v_i,    K_i = dJ/dq_i
-#
-# J' is the user's or, like the partials of gamma, by differences of fourth order along moves of
-# unit size, off by 1e-12 of them. Where J' comes from differences too, the partials of gamma are
-# differences of differences, off by 1e-9.
-
-
-@dataclass(frozen=True)
-class BoundOwn(CoordinateRows):
-    """Rows of functions, bound to a model whose q they read.
-
-    Attributes
-    ----------
-    jacobian : callable
-        J (size, nv) at q.
-    violation : callable or None
-        c (size,) at q; None for rows on the velocity alone.
-    rate : callable or None
-        J' (size, nv) at (q, v).
-    are_angles : bool
-    """
-
-    name: str
-    rows: slice
-    model: Any
-    jacobian: Callable[[Array], ArrayLike]
-    violation: Callable[[Array], ArrayLike] | None
-    rate: Callable[[Array, Array], ArrayLike] | None
-    are_angles: bool
-    anchored: bool
-    sign: float = 1.0
-    drive: RowPath | None = None
-    drift: Baumgarte | None = None
-
-    @property
-    def row_names(self) -> tuple[str, ...]:
-        """Name of the constraint and number of the row."""
-        return tuple(f"{self.name}.{i + 1}" for i in range(self.size))
-
-    def c(self, q: Array) -> Array:
-        """Violation c (size,); zero of rows on the velocity."""
-        if self.violation is None:
-            return np.zeros(self.size)
-        return self._checked("violation(q)", self.violation(q.copy()), (self.size,))
-
-    def J(self, q: Array) -> Array:
-        """Jacobian J (size, nv)."""
-        return self._checked("jacobian(q)", self.jacobian(q.copy()), (self.size, self.model.nv))
-
-    def J_rate(self, q: Array, v: Array) -> Array:
-        """Rate J' (size, nv) of J while q moves by v."""
-        if self.rate is None:
-            return self.along(self.J, q, v)
-        found = self.rate(q.copy(), v.copy())
-        return self._checked("rate(q, v)", found, (self.size, self.model.nv))
-
-    def gamma(self, q: Array, v: Array) -> Array:
-        """Drift J' v (size,)."""
-        return np.asarray(self.J_rate(q, v) @ v)
-
-    def bend(self, q: Array) -> Array:
-        """Partials K (size, nv, nv) of J by q: the last index is that of the move."""
-        return np.stack([self.J_rate(q, e) for e in np.eye(self.model.nv)], axis=-1)
-
-    def gamma_q(self, q: Array, v: Array) -> Array:
-        """Partials (size, nv) of gamma by q."""
-        moves = np.eye(self.model.nv)
-        by = [self.along(lambda at: self.gamma(at, v), q, e) for e in moves]
-        return np.stack(by, axis=-1)
-
-    def along(self, f: Callable[[Array], Array], q: Array, v: Array) -> Array:
-        """Derivative of a function of q along v."""
-        size = float(np.abs(v).max(initial=0.0))
-        unit = v / size if size else v
-        return sum(
-            (size * w / STEP * f(pin.integrate(self.model, q, k * STEP * unit))) for k, w in STENCIL
-        )  # type: ignore[return-value]
-
-    def _checked(self, what: str, found: Any, shape: tuple[int, ...]) -> Array:
-        """Result of a function of the user as an array, or InvalidArgument."""
-        # a copy: it may be memory that the next call overwrites
-        return np.array(finite(f"{self.name}: {what}", found, shape))
-
-    def turns(self, model: Any) -> NDArray[np.bool_]:
-        """Flag of each row: angle, or else length."""
-        return np.full(self.size, self.are_angles)
-
-    def reaction(self, *, on_first: bool) -> float:
-        """Raise: the force acts on all coordinates."""
-        raise InvalidArgument(
-            f"{self.name}: it acts on all coordinates; generalized() has the force on each"
-        )
-
-    def approximate_delassus(
-        self,
-        body: Callable[[int], Array],
-        columns: Callable[[Sequence[int]], float | Array],
-    ) -> Any:
-        """Raise: MuJoCo has no such rows."""
-        raise InvalidArgument(
-            f"{self.name}: MuJoCo has no rows of functions, so that Soft has no stiffness for "
-            "them; choose another solver"
-        )
-
-
 class Couplings:
-    """All couplings of one scene, and rows of functions."""
+    """All couplings of one scene."""
 
-    def __init__(self, on_coordinates: Sequence[CoordinateRows], nv: int) -> None:
-        bounds = [b for b in on_coordinates if isinstance(b, BoundCoupling)]
-        own = [b for b in on_coordinates if isinstance(b, BoundOwn)]
-        self._own = [(b, np.zeros((b.size, nv))) for b in own]
+    def __init__(self, bounds: Sequence[BoundCoupling], nv: int) -> None:
         self._rows = np.array([b.rows.start for b in bounds], dtype=np.int_)
         self._offset = np.array([b.offset for b in bounds])
         self._bent = [(k, b) for k, b in enumerate(bounds) if b.bends]
@@ -461,22 +351,14 @@ class Couplings:
         acceleration[self._rows] = self._J.dot(a)
         for k, b in self._bent:
             acceleration[self._rows[k]] += b.bent(q, 2).dot(v[b.columns] ** 2)
-        for own, J in self._own:
-            c[own.rows], J[:] = own.c(q), own.J(q)
-            velocity[own.rows], acceleration[own.rows] = J @ v, J @ a + own.gamma(q, v)
 
     def torque(self, lam: Array) -> Array:
         """Return J^T lam (nv,) of these rows, at the last evaluation."""
-        found = np.asarray(self._J.T.dot(lam[self._rows]))
-        for own, J in self._own:
-            found += J.T @ lam[own.rows]
-        return found
+        return np.asarray(self._J.T.dot(lam[self._rows]))
 
     def jacobian(self, J: Array) -> None:
         """Write these rows into J (m, nv), at the last evaluation."""
         J[self._rows] = self._J
-        for own, its in self._own:
-            J[own.rows] = its
 
 
 # Rolling: the lowest point of a wheel or of a ball has no velocity.

@@ -27,12 +27,14 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.partials.contacts import ContactTurning
 from condyn_pin.constraints.rows.bound import BoundConstraint
+from condyn_pin.constraints.rows.functions import BoundFunctions
 from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.derivatives.kkt import Linearisation
 from condyn_pin.dynamics.scene import Scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import UnsupportedConstraint
 from condyn_pin.gradients.routes.partials import (
     FloatingPartials,
     InertiaPartials,
@@ -82,6 +84,15 @@ class LinearizedEnd(NamedTuple):
     notes: tuple[Note, ...]  # why the derivatives are those of a rule, or of one side
 
 
+def _check_time(bounds: Sequence[BoundConstraint]) -> None:
+    """Refuse rows of functions with time in them: partials are taken at one time."""
+    if moving := [b.name for b in bounds if isinstance(b, BoundFunctions) and b.rheonomic]:
+        raise UnsupportedConstraint(
+            f"{', '.join(moving)}: time is in its functions, and derivatives of steps and motions "
+            "take paths of time alone: Driven(OwnRows(...), along)"
+        )
+
+
 class LinearizedStep:
     """The steps of one scene by one scheme and dt, with their derivatives.
 
@@ -107,6 +118,7 @@ class LinearizedStep:
         weighed = self.inertias.size if self.inertias else 0
         self.columns = Columns(scene.robot.nv, self.system.contacts.cones, weighed)
         bounds = self.system.equations.bounds
+        _check_time(bounds)
         self.placed = np.array(rows_with_a_place(bounds), dtype=np.int_)
         self.itself = self.columns.empty()  # where the equations are taken, by that
         self.itself[:, self.columns.q] = np.eye(scene.robot.nv)
