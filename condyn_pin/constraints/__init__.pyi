@@ -1,6 +1,7 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
 from .constraint import Constraint as Constraint
+from .contacts.cable import Cable as Cable
 from .contacts.contact import Contact as Contact
 from .contacts.frictional_contact import FrictionalContact as FrictionalContact
 from .contacts.joint_friction import JointFriction as JointFriction
@@ -35,3 +36,4 @@ from .rolling_wheel import RollingWheel as RollingWheel
 from .rows.bound import ConstraintViolation as ConstraintViolation
 from .rows.bound import Terms as Terms
 from .surface_contact import SurfaceContact as SurfaceContact
+from .taut_cable import TautCable as TautCable

@@ -15,6 +15,7 @@ placements and rows of one model, which has its equations.
     does it press on a floor, and with what        presses, has_normal, support    it does not
     which points of it touch that floor            feet                            none
     where it belongs, if it is where it is         anchored_at                     itself
+    is it a cable, whose force is a tension        only_pulls                      it is not
     does it follow a path, and where is it at t    is_rheonomic, at                it does not
     the same with c' = J v wherever c is           bind_to_drive                   refused
     the same by points, or as a planar pin         by_points, as_planar_pin        none
@@ -203,6 +204,11 @@ class Constraint(GivenFields, ABC):
         return self.support is not None
 
     @property
+    def only_pulls(self) -> bool:
+        """True for a cable: its force is a tension, which is not negative."""
+        return False
+
+    @property
     def support(self) -> Support | None:
         """Support of a contact on the floor: a point, an edge or a rectangle; None without one."""
         return None
@@ -328,6 +334,11 @@ class MjcfGeomWriter(Protocol):
         friction: float,
     ) -> None:
         """Write the geoms of a shape at an offset in a frame, and of a plane or another shape."""
+
+    def cable(
+        self, name: str, frames: Sequence[str], at_least: float | None, at_most: float | None
+    ) -> None:
+        """Write a cable over frames with a shortest and a longest length [m]."""
 
     def dry(self, joint: str, torque: float | None) -> None:
         """Write the dry friction of a joint [N m, N]."""

@@ -24,6 +24,7 @@ from condyn_pin.constraints.knife_edge import KnifeEdge as KnifeEdge
 from condyn_pin.constraints.rolling_wheel import RollingWheel as RollingWheel
 from condyn_pin.constraints.rolling_ball import RollingBall as RollingBall
 from condyn_pin.constraints.held_joint import HeldJoint as HeldJoint
+from condyn_pin.constraints.taut_cable import TautCable as TautCable
 from condyn_pin.constraints.own_rows import OwnRows as OwnRows
 from condyn_pin.constraints.driven import Driven as Driven
 # ruff: isort: on

@@ -181,6 +181,11 @@ def with_joint_names(value: Value, machine: Any) -> Value:
                 changed[field] = new
                 if not _LABELLED.fullmatch(old):
                     name = name.replace(short_frames(old), short_frames(new))
+        elif field == "through":  # the frames of a cable
+            through = tuple(by_name(machine, frame) for frame in old)
+            if through != old:
+                changed[field] = through
+                name = "-".join(through) if name == short_frames("-".join(old)) else name
         elif hasattr(old, "frames"):  # the constraint that is driven
             inner = with_joint_names(old, machine)
             if inner is not old:

@@ -359,6 +359,29 @@ class RoundCone(FrictionCone):
             yield "slips" if angle == "0 deg" else f"slips, {angle} aside", entries
 
 
+# Tension: the force of a cable, T >= 0.
+
+
+@dataclass(frozen=True)
+class Tension(Cone):
+    """The forces of a cable that stays taut: it pulls, and does not push."""
+
+    friction: float = 0.0
+
+    def _table(self) -> Iterator[Row]:
+        yield "pushes", (-1.0,)
+
+    def fitted(self, contact: Constraint) -> Tension:
+        """Return the cone as it is; InvalidArgument if the `contact` is no cable."""
+        if not contact.only_pulls:
+            raise InvalidArgument(f"{contact.name}: this {contact.called} is no cable")
+        return self
+
+    def turn(self, contact: Constraint, R: Array, up: Array) -> Array:
+        """Return the identity: a tension has no axes."""
+        return np.broadcast_to(np.eye(3), R.shape)
+
+
 # WrenchCone: the wrenches that friction under a flat part of the robot, or an edge, can give.
 #
 # In the axes of the floor, z along its normal, with f the force on the robot and m its moment about

@@ -14,7 +14,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import pivots
 from condyn_pin._core.models import whole_data
-from condyn_pin.contact.cones import Cone, Cones, RoundCone
+from condyn_pin.contact.cones import Cone, Cones, RoundCone, Tension
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Sites, upward
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -122,7 +122,6 @@ class _Group:
 
     def __init__(self, contact: Any, cone: Cone) -> None:
         self._contact, self._cone, self._key = contact, cone, _key(contact)
-        self._threes = cone.rows().A.reshape(-1, 3)  # forces, and moments, one after the other
         self._bounds: list[Any] = []
         self._blocks: list[tuple[slice, slice]] = []
 
@@ -146,6 +145,11 @@ class _Group:
             pinned = np.array(flat)[independent]
             lower[pinned] = upper[pinned] = 0.0
         return lower, upper
+
+    @cached_property
+    def _threes(self) -> Array:
+        """Forces, and moments, one after the other."""
+        return self._cone.rows().A.reshape(-1, 3)
 
     @property
     def turns(self) -> bool:
@@ -179,7 +183,7 @@ def _key(contact: Any) -> Any:
 
 
 def _fitted_cones(scene: Scene, cones: Cones) -> dict[int, Cone]:
-    """Return the cones of the contacts that have one, by their places in the scene."""
+    """Return the cones of the contacts that have one, and of cables, by place in the scene."""
     if isinstance(cones, Mapping):
         for name in cones:
             if name not in scene.names:
@@ -192,6 +196,7 @@ def _fitted_cones(scene: Scene, cones: Cones) -> dict[int, Cone]:
             raise InvalidArgument(
                 f"cones: {name} has {cone!r}: a FrictionCone or a WrenchCone is needed"
             )
+    chosen |= {each.name: Tension() for each in scene.constraints if each.only_pulls}
     placed = enumerate(scene.constraints)
     return {i: chosen[each.name].fitted(each) for i, each in placed if each.name in chosen}
 

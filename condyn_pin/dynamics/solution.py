@@ -558,7 +558,7 @@ class ConstraintForce(ArrayValue):
 
 
 def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -> tuple[str, ...]:
-    """Sentences on contacts with the world that pull, as no ground does."""
+    """Sentences on contacts with the world that pull, and on cables that push."""
     # The normal is the z axis of a `SurfaceContact` and that of the plane of a `PlanarContact` and
     # of what rolls. A point or a line has none: the vertical stands for it, if there is gravity.
     # Where rows are redundant, forces N z may be added, J^T N = 0: a normal force counts that no z
@@ -566,6 +566,13 @@ def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -
     up = upward(sites.scene)
     largest = max((float(np.abs(f.components).max()) for f in forces.values()), default=0.0)
     least = -tolerances.SOLVED * largest
+    cables = [each.name for each in sites.scene.constraints if each.only_pulls]
+    slack = [
+        f"{name}: the cable pushes with {-forces[name].components[0]:.4g} {unit}; a Cable in "
+        "contacts=[...] goes slack"
+        for name in cables
+        if forces[name].components[0] < least
+    ]
     pressing = [each for each in sites.scene.constraints if each.presses]
     normals = {
         each.name: float(force.own[2] if each.has_normal else force.in_world()[:3] @ up)
@@ -574,9 +581,9 @@ def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -
     }
     pulls = [each for each in pressing if normals[each.name] < least]
     if not pulls:
-        return ()
+        return tuple(slack)
     shared = shared_normals(sites, normals)
-    said = [
+    said = slack + [
         pull_text(each, f"{-normals[each.name]:.4g} {unit}")
         for each in pulls
         if each.name not in shared.names

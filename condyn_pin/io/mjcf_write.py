@@ -196,11 +196,21 @@ class RobotWriter:
 
     def fixed_tendon(self, name: str, weights: Mapping[str, float]) -> str:
         """Return the name of a new tendon: a weighted sum of joint coordinates."""
-        name = unused_name(name, {str(tendon.get("name")) for tendon in self._tendons()})
-        tendon = SubElement(self._tendons(), "fixed", name=name)
+        tendon = self._new_tendon("fixed", name)
         for joint, weight in weights.items():
             SubElement(tendon, "joint", joint=joint, coef=numbers(weight))
-        return name
+        return str(tendon.get("name"))
+
+    def limited_tendon(self, name: str, frames: Sequence[str], least: float, most: float) -> None:
+        """Write a tendon over frames whose length is limited [m]."""
+        tendon = self._new_tendon("spatial", name)
+        tendon.attrib |= {"limited": "true", "range": numbers([least, most])}
+        for k, frame in enumerate(frames):
+            SubElement(tendon, "site", site=self.site(frame, f"{name}_{k}"))
+
+    def _new_tendon(self, kind: str, name: str) -> Element:
+        name = unused_name(name, {str(tendon.get("name")) for tendon in self._tendons()})
+        return SubElement(self._tendons(), kind, name=name)
 
     def _tendons(self) -> Element:
         found = self.root.find("tendon")
@@ -282,6 +292,8 @@ class RobotWriter:
 _TIP: Final = 1e-4  # [m] radius of what is a point
 _DRAWN: Final = {"contype": "0", "conaffinity": "0", "group": "2"}
 _TOUCHING: Final = {"contype": "0", "conaffinity": "0", "group": "3"}
+# Upper end of a tendon that has none [m]: MuJoCo has both or neither.
+_ENDLESS: Final = 1e6
 # Slip, twist and roll; the last two act only where a pair has more than three dimensions.
 _TWIST_AND_ROLL: Final = (0.005, 0.0001, 0.0001)
 
@@ -340,6 +352,13 @@ class GeomWriter:
         if friction:
             said["friction"] = numbers([friction, friction, *_TWIST_AND_ROLL])
         SubElement(self._pairs, "pair", {"name": name} | said)
+
+    def cable(
+        self, name: str, frames: Sequence[str], at_least: float | None, at_most: float | None
+    ) -> None:
+        """Write a tendon over frames with a shortest and a longest length [m]."""
+        most = _ENDLESS if at_most is None else at_most
+        self.to.limited_tendon(name, frames, at_least or 0.0, most)
 
     def dry(self, joint: str, torque: float | None) -> None:
         """Write the dry friction of a joint [N m, N]; by default that of the description."""

@@ -447,25 +447,25 @@ class ContactSteps:
     def _bent(
         self, at: Array, v: Array, gaps: Array, J: Array
     ) -> tuple[Array | None, Array | None]:
-        """Path bend s of contacts at rest on a plane (k,) [m], and q at the end of dt v."""
+        """Path bend s of what rests on planes and hangs on cables (k,) [m], and q (+) dt v."""
         #     s = gap(q (+) dt v) - gap - dt J_n v
         # A contact is at rest if its gap and rate are of the size of s, and s / dt. None without
         # one.
         candidates, dt = self._candidates, self._dt
-        k, small = candidates.contact_points, self._scheme.touching
-        speeds = J[2 : 3 * k : 3].dot(v)
+        curved, small = candidates.curved, self._scheme.touching
+        speeds, here = J[candidates.curved_rows].dot(v), gaps[curved]
         moved = dt * np.abs(speeds)
-        if not ((gaps[:k] <= small + moved) & (moved > small)).any():
+        if not ((here <= small + moved) & (moved > small)).any():
             return None, None
         end, data = self.floating.integrate(at, dt * v), self._equations.data
         self._run.forwardKinematics(self._system.model, data, end)
-        s = candidates.gaps_over_planes(data) - gaps[:k] - dt * speeds
+        s = candidates.curved_gaps(data, end) - here - dt * speeds
         rests = (np.abs(s) > small) & (np.abs(dt * speeds - s) <= _LIKE * np.abs(s))
-        rests &= gaps[:k] <= small + np.abs(s)
+        rests &= here <= small + np.abs(s)
         if not rests.any():
             return None, None
         bent = np.zeros(len(gaps))
-        bent[:k] = np.where(rests, s, 0.0)
+        bent[curved] = np.where(rests, s, 0.0)
         return bent, end
 
     def _is_resolved(self, M: Array, q: Array) -> bool:

@@ -20,6 +20,7 @@ from condyn_pin._core.threads import ThreadCache, one_blas_thread
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.forces import AppliedForce, Load, applied_forces
+from condyn_pin.constraints.rows.cables import Lines
 from condyn_pin.contact.problem import MODES, ContactProblem
 from condyn_pin.contact.solution import ContactSolution, ContactStatus, verified
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
@@ -292,11 +293,14 @@ class ProvedSteps:
         self._steps = ContactSteps(scheme, self._system, self._dt)
         self._run = algorithms(self._system.equations.data)
         self._rows, bounds = scene.rows, scene.contact_bounds
-        # the candidates of the proof, not of the step: joints of their sides, and of stops and dry
-        # friction where v has them, with their signs
+        # the candidates of the proof, not of the step: joints of their sides, of stops and dry
+        # friction where v has them, with their signs, and cables
         self._candidates, self._sides = Candidates(self._system.model, bounds), _sides(bounds)
-        stops = [(stop.iv, stop.sign) for bound in bounds for stop in bound.stops]
-        self._along = stops + [(each.iv, 1.0) for bound in bounds for each in bound.dry]
+        self._stops = [(stop.iv, stop.sign) for bound in bounds for stop in bound.stops]
+        self._dry = [(each.iv, 1.0) for bound in bounds for each in bound.dry]
+        lines = [each.line for bound in bounds for each in bound.lines]
+        self._lines = Lines(self._system.model, lines) if lines else None
+        self._ends = len(self._stops), len(self._stops) + len(lines)
         gravity = float(np.linalg.norm(scene.robot.model.gravity.linear))
         self._weight = scene.robot.mass * gravity  # [N]
 
@@ -427,8 +431,8 @@ class ProvedSteps:
 
     def _load(self, q: Array, lam: Array) -> Load:
         """Forces lam of all candidates at q (rows,) [N, N m], as wrenches: without Jacobians."""
-        # Wrenches are those of cones, on the robot and on what carries its ground; the torque is
-        # that of stops and of dry friction.
+        # Wrenches are those of cones, on the robot and on what carries its ground, and of cables on
+        # what carries them; the torque is that of stops, of reels and of dry friction.
         model, data, candidates = self._system.model, self._system.equations.data, self._candidates
         self._run.forwardKinematics(model, data, q)
         points, axes = candidates.points(data, q), candidates.axes(data, q)
@@ -441,8 +445,16 @@ class ProvedSteps:
                 wrenches.append((joint, data.oMi[joint].actInv(on_robot)))
                 wrenches.append((ground, data.oMi[ground].actInv(-on_robot)))
         torque = np.zeros(model.nv)
-        for (iv, sign), force in zip(self._along, lam[cones:], strict=True):
+        stops, lines, dry = np.split(lam[cones:], self._ends)
+        along = zip((*self._stops, *self._dry), (*stops, *dry), strict=True)
+        for (iv, sign), force in along:
             torque[iv] += sign * force
+        if self._lines is not None:
+            pulls, on_reels = self._lines.forces(data, lines)
+            torque += on_reels
+            for joint, x, f in pulls:
+                pull = pin.Force(f, np.cross(x, f))
+                wrenches.append((joint, data.oMi[joint].actInv(pull)))
         return Load(torque, np.abs(torque), tuple(wrenches), ())
 
 

@@ -105,8 +105,12 @@ class ActiveCandidates:
         self.active, self.rows = active, _all_or(candidates.rows_of(active))
         self.near, self.is_everything = active[:lines], bool(active.all())
         self.gaps = _all_or(self.near)
-        self.over_planes = _all_or(active[: candidates.contact_points])
-        self.contact_points = np.count_nonzero(active[: candidates.contact_points])
+        # active ones whose paths bend: their places among all of these, and among active gaps
+        curved = active[candidates.curved]
+        self.of_curved, self.curved_count = _all_or(curved), int(np.count_nonzero(curved))
+        self.curved: Indices | slice = slice(0, self.curved_count)
+        if not isinstance(candidates.curved, slice):
+            self.curved = (np.cumsum(self.near) - 1)[candidates.curved][curved]
         k, stops = np.count_nonzero(active[:cones]), np.count_nonzero(active[cones:lines])
         self.normals: Indices | slice = slice(2, 3 * k, 3)
         if stops:
@@ -293,7 +297,7 @@ def kept_paths(of: NDArray[np.int_], paths: Sequence[Array], after: Array) -> Ar
 
 
 class CurvatureCorrection:
-    """The paths of what is over planes, in steps of one size.
+    """The paths of what is over planes, and of cables, in steps of one size.
 
     Pairs of bodies count as straight at first, for they meet in other points at the end of a long
     step (`EndsOfPaths`). Stops of joints are linear in q.
@@ -308,16 +312,16 @@ class CurvatureCorrection:
     ) -> tuple[Array, Array | None]:
         """Return s of the active cones and half-lines (k,) [m], and q (+) dt v, in 5 us."""
         # `gaps` (k,) [m, rad] and `speeds` J_c v (m,) are those at q, where the path begins along
-        # v. None for q where nothing active is over a plane. The data of the system keep its
+        # v. None for q where no path of an active one bends. The data of the system keep its
         # placements.
         contacts, data, dt = self._system.contacts, self._system.equations.data, self._dt
-        k, bends = chosen.contact_points, np.zeros(len(gaps))
-        if not k:
+        bends, curved = np.zeros(len(gaps)), chosen.curved
+        if not chosen.curved_count:
             return bends, None
         end = self._floating.integrate(q, dt * v)
         self._run.forwardKinematics(self._system.model, data, end)
-        ends = contacts.gaps_over_planes(data)[chosen.over_planes]
-        np.subtract(ends - gaps[:k], dt * speeds[2 : 3 * k : 3], out=bends[:k])
+        ends = contacts.curved_gaps(data, end)[chosen.of_curved]
+        bends[curved] = ends - gaps[curved] - dt * speeds[chosen.normals][curved]
         return bends, end
 
 

@@ -169,6 +169,7 @@ def _ellipsoid(inertia: Any, least: float) -> meshes.Mesh:
 
 
 _POINT = 0.012  # radius of a contact point, of the size of the scene
+_CABLE = 0.004  # radius of a cable, of the size of the scene
 _CONE = 0.1  # length of the side of a cone, of the size of the scene
 _MARGIN = 0.25  # from the outermost contact point to the edge of a plane, of the size of the scene
 _UNDER = 2e-3  # by which a plane is drawn too low, of the size of the scene: a grid may lie in it
@@ -197,6 +198,7 @@ def touch_parts(
             if cones:
                 yield _cone_part(name, size)
     yield from _ground_parts(scene, instants, size)
+    yield from _cable_parts(scene, instants, size)
 
 
 def _folder(bound: BoundContact, instants: Sequence[Instant]) -> str:
@@ -237,6 +239,28 @@ def _cone_part(name: str, size: float) -> Part:
         return T
 
     return Part(f"cones/{name}", pose, unit, opacity=_SURFACE_OPACITY)
+
+
+def _cable_parts(scene: Scene, instants: Sequence[Instant], size: float) -> Iterator[Part]:
+    """Yield each span of each cable, grey where it is slack."""
+    own = {*scene.names, *(line.name for bound in scene.contact_bounds for line in bound.lines)}
+    views = [(name, line) for at in instants for name, (line, _) in at.cables.items()]
+    spans = {name: len(line) - 1 for name, line in views if name in own}
+    rod = meshes.rod(_CABLE * size, 1.0, 8)
+
+    def pose(name: str, i: int, at: Instant) -> Array | None:
+        line, _ = at.cables.get(name, (None, False))
+        return None if line is None else span(line[i], line[i + 1])
+
+    def tint(name: str, at: Instant) -> Colour:
+        return mode_colour("stick" if at.cables.get(name, (None, False))[1] else "open")
+
+    for name, count in spans.items():
+        for i in range(count):
+            yield Part(
+                f"cables/{name}/span {i}", partial(pose, name, i), ((rod, mode_colour("")),),
+                tint=partial(tint, name),
+            )  # fmt: skip
 
 
 def _ground_parts(scene: Scene, instants: Sequence[Instant], size: float) -> Iterator[Part]:

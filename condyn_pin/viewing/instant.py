@@ -13,6 +13,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.models import axes
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.rows.bound import BoundConstraint, ConstraintViolation
+from condyn_pin.constraints.rows.cables import BoundCable, Lines
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.control.balancing import Balance
 from condyn_pin.dynamics.at_state import gaps
@@ -32,6 +33,7 @@ class Instant:
     bounds: the constraints that hold now
     forces: on the first-named body; empty where none are known
     touching: points that may touch a plane
+    cables: points of each cable in the world (k, 3) [m], and whether it is taut
     balance: its balance on the floor; None if it was not computed
     """
 
@@ -42,6 +44,7 @@ class Instant:
     bounds: Mapping[str, BoundConstraint]
     forces: Mapping[str, ConstraintForce] = field(default_factory=dict)
     touching: Mapping[str, ContactView] = field(default_factory=dict)
+    cables: Mapping[str, tuple[Array, bool]] = field(default_factory=dict)
     balance: Balance | None = None
 
     def robot_end(self, name: str) -> Any | None:
@@ -73,6 +76,7 @@ def instant(
         bounds={bound.name: bound for bound in scene.bounds},
         forces=forces or {},
         touching=touching,
+        cables=dict(cables_at(scene, equations.data, q)),
         balance=balance,
     )
 
@@ -145,6 +149,18 @@ def touching_at(
         )  # fmt: skip
 
 
+_TAUT = 1e-6  # slack of a cable that is drawn as taut [m]
+
+
+def cables_at(scene: Scene, data: Any, q: Array) -> Iterator[tuple[str, tuple[Array, bool]]]:
+    """Yield the points of each cable of a scene, and whether it is taut; reads data.oMi at q."""
+    cables = {each.name: each.line for bound in scene.contact_bounds for each in bound.lines}
+    cables |= {b.name: b.line for b in scene.bounds if isinstance(b, BoundCable)}
+    for name, line in cables.items():
+        lines = Lines(scene.robot.model, [line])
+        yield name, (lines.points(data)[0].T, bool(lines.gaps(data, q)[0] < _TAUT))
+
+
 # Extent: where a scene is, and how large, for the camera and for the size of its marks.
 
 
@@ -153,10 +169,11 @@ _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 
 
 def touched(instants: Sequence[Instant]) -> list[Array]:
-    """Return the points of unilateral contacts at all instants, and their projections [m]."""
+    """Return the points of contacts and cables at all instants, and projections on planes [m]."""
     # A fall is seen with the ground, and a sliding body with the place where it comes to rest.
     touching = [each for at in instants for each in at.touching.values()]
-    return [point for each in touching for point in (each.at, each.on_plane())]
+    found = [point for each in touching for point in (each.at, each.on_plane())]
+    return found + [point for at in instants for line, _ in at.cables.values() for point in line]
 
 
 def extent(

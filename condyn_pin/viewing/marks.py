@@ -504,6 +504,7 @@ _LEGEND = (
     (("touching", "open"), palette.AWAY, "contact, open"),
     (("touching", "stick"), palette.STICKS, "contact, sticking"),
     (("touching", "slide"), palette.SLIDES, "contact, sliding"),
+    (("cables",), palette.STICKS, "cable, taut (grey: slack)"),
     (("cones",), palette.CONE, "friction cone"),
     (("forces",), palette.FORCE, "contact force"),
     (("forces", "closures"), palette.FORCE, "force in a loop or contact"),

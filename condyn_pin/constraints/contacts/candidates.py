@@ -2,8 +2,9 @@
 
 Cones come first, three rows (t1, t2, n) each, with n from the ground to the robot: those on planes,
 and then those of pairs of bodies. Then come half-lines,
-the ends of the ranges of joints, +1 at a lower end and -1 at an upper one; then intervals, the dry
-friction of joints. For each cone and half-line d gap/dt is its row of J v along the normal.
+the ends of the ranges of joints, +1 at a lower end and -1 at an upper one, and cables; then
+intervals, the dry friction of joints. For each cone and half-line d gap/dt is its row of J v along
+the normal.
 """
 
 from __future__ import annotations
@@ -18,7 +19,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.arrays import Array, Indices, read_only
 from condyn_pin._core.models import z_along
 from condyn_pin.constraints.constraint import plane
 from condyn_pin.constraints.contacts.meetings import ContactPoints, meetings
@@ -33,6 +34,7 @@ from condyn_pin.constraints.contacts.touches import (
     columns,
     relative_rows,
 )
+from condyn_pin.constraints.rows.cables import Lines
 
 
 class Candidates:
@@ -77,25 +79,35 @@ class Candidates:
         touches = [touch for bound in bounds for touch in bound.touches]
         pairs = [pair for bound in bounds for pair in bound.pairs]
         stops = [stop for bound in bounds for stop in bound.stops]
+        lines = [each for bound in bounds for each in bound.lines]
         dry = [each for bound in bounds for each in bound.dry]
         # a pair has several cones
         cones: list[PlaneContact | Pair] = [*touches]
         cones += [pair for pair in pairs for _ in range(pair.points)]
-        self.cones, self.half_lines, self.intervals = len(cones), len(stops), len(dry)
+        self.cones, self.half_lines, self.intervals = len(cones), len(stops) + len(lines), len(dry)
         of_cones = (*(touch.name for touch in touches),
                     *(name for pair in pairs for name in pair.candidates))  # fmt: skip
-        others = (*(stop.name for stop in stops), *(each.name for each in dry))
+        others = [stop.name for stop in stops] + [line.name for line in lines]
+        others += [each.name for each in dry]
         self.names = (*of_cones, *others)
         self.row_names = (*(f"{name}.{axis}" for name in of_cones for axis in _AXES), *others)
         self.several = tuple(_cones_of_patches(pairs, len(touches)))
         self.friction = read_only(np.array([each.friction for each in cones]))
         self.restitution = read_only(np.array([each.restitution for each in cones]))
         self.limits = read_only(np.array([each.limit for each in dry]))
-        of_stops = [stop.is_length for stop in stops]
+        of_stops = [*(stop.is_length for stop in stops), *(True for _ in lines)]
         self.is_length = read_only(np.array([True] * len(cones) + of_stops, dtype=bool))
         kind = PlaneContacts if any(touch.ground for touch in touches) else GroundContacts
         self._touches, self._pairs = kind(model, touches), Pairs(model, pairs, exact=exact)
         self.contact_points = len(touches)
+        self._lines = Lines(model, [each.line for each in lines]) if lines else None
+        self._stops, curved = len(stops), (len(touches), self.cones + len(stops))
+        # gaps whose paths bend in closed form: those over planes, and cables
+        self.curved: Indices | slice = slice(0, curved[0])
+        self.curved_rows: Indices | slice = slice(2, 3 * curved[0], 3)  # their rates in J
+        if lines:
+            self.curved = np.array([*range(curved[0]), *range(curved[1], curved[1] + len(lines))])
+            self.curved_rows = self.normals[self.curved]
         self._iq = np.array([stop.iq for stop in stops], dtype=np.int_)
         self._sign = np.array([stop.sign for stop in stops])
         self._limit = np.array([stop.limit for stop in stops])
@@ -128,15 +140,17 @@ class Candidates:
         gaps = self._touches.gaps(data)
         if self._pairs.size:
             gaps = np.concatenate((gaps, self._pairs.gaps(data)))
-        return self._with_stops(gaps, q)
+        return self._with_lines(self._with_stops(gaps, q), data, q)
 
-    def gaps_over_planes(self, data: Any) -> Array:
-        """Signed distances of the first cones, those on planes [m]; reads data.oMi."""
-        return self._touches.gaps(data)
+    def curved_gaps(self, data: Any, q: Array) -> Array:
+        """Gaps that are `curved` (k,) [m]; reads data.oMi at q."""
+        gaps = self._touches.gaps(data)
+        return gaps if self._lines is None else np.concatenate((gaps, self._lines.gaps(data, q)))
 
-    def normals_over_planes(self, data: Any) -> Array:
-        """Return the rows n of the first cones, those on planes (k, nv); reads data.J too."""
-        return self._touches.rows(data)[2::3]
+    def curved_normals(self, data: Any) -> Array:
+        """Rates of gaps that are `curved` (k, nv); reads data.oMi and data.J."""
+        J = self._touches.rows(data)[2::3]
+        return J if self._lines is None else np.concatenate((J, self._lines.rows(data)))
 
     def evaluate(self, data: Any, q: Array) -> tuple[Array, Array]:
         """Return gaps as `gaps` does, and the rows of all candidates (rows, nv).
@@ -152,9 +166,13 @@ class Candidates:
         if self._pairs.size:
             gaps = np.concatenate((gaps, self._pairs.gaps(data)))
             J = np.concatenate((J, self._pairs.jacobian(data)))
-        if len(self._coordinates):
+        if self._lines is not None:
+            stops, dry = np.split(self._coordinates, [self._stops])
+            J = np.concatenate((J, stops, self._lines.rows(data), dry))
+        elif len(self._coordinates):
             J = np.concatenate((J, self._coordinates))
-        return self._with_stops(gaps, q), J
+        gaps = self._with_stops(gaps, q)
+        return self._with_lines(gaps, data, q), J
 
     def drift(self, data: Any) -> Array:
         """Return Jdot v of all rows (rows,) [m/s^2], where no shapes of two bodies meet.
@@ -163,7 +181,9 @@ class Candidates:
         """
         assert not self.pairs, "the points where shapes meet have no closed form"
         of_cones = self._touches.drift(data)
-        return np.concatenate((of_cones, np.zeros(len(self._coordinates))))
+        lines = np.zeros(0) if self._lines is None else self._lines.drift(data)
+        dry = np.zeros(self.intervals)
+        return np.concatenate((of_cones, np.zeros(self._stops), lines, dry))
 
     @property
     def pairs(self) -> int:
@@ -171,9 +191,12 @@ class Candidates:
         return self.cones - self.contact_points
 
     def _with_stops(self, gaps: Array, q: Array) -> Array:
-        if not self.half_lines:
+        if not self._stops:
             return gaps
         return np.concatenate((gaps, self._sign * (q[self._iq] - self._limit)))
+
+    def _with_lines(self, gaps: Array, data: Any, q: Array) -> Array:
+        return gaps if self._lines is None else np.concatenate((gaps, self._lines.gaps(data, q)))
 
     @property
     def normals(self) -> NDArray[np.int_]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from typing import get_args
 
 from condyn_pin.constraints.constraint import Constraint, FramedModel
+from condyn_pin.constraints.contacts.cable import Cable as Cable
 from condyn_pin.constraints.contacts.contact import CONTACTS as CONTACTS
 from condyn_pin.constraints.contacts.contact import Contact, Mode
 from condyn_pin.constraints.contacts.frictional_contact import (
@@ -36,8 +37,8 @@ def bind_contacts(
     for contact in contacts:
         if not isinstance(contact, Contact):
             raise InvalidConstraint(
-                f"{contact!r}: a FrictionalContact, a JointLimit or a JointFriction is needed; "
-                "what never opens belongs into the constraints"
+                f"{contact!r}: a FrictionalContact, a JointLimit, a JointFriction or a Cable is "
+                "needed; what never opens belongs into the constraints"
             )
         made = contact.bind(robot)
         for name in dict.fromkeys((made.name, *made.candidates)):

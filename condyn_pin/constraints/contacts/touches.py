@@ -16,6 +16,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint import Patch
 from condyn_pin.constraints.contacts.meetings import most_meetings
 from condyn_pin.constraints.contacts.shapes import Core
+from condyn_pin.constraints.rows.cables import Line
 
 
 class PlaneContact(NamedTuple):
@@ -76,6 +77,13 @@ class BoundJointFriction(NamedTuple):
     limit: float  # [N m, N]
 
 
+class BoundLine(NamedTuple):
+    """A cable at its longest, or a strut at its shortest: one row."""
+
+    name: str
+    line: Line
+
+
 class BoundShape(NamedTuple):
     """A shape on a joint, to be drawn."""
 
@@ -92,6 +100,7 @@ class BoundContact:
     touches: tuple[PlaneContact, ...] = ()
     pairs: tuple[Pair, ...] = ()
     stops: tuple[BoundJointLimit, ...] = ()
+    lines: tuple[BoundLine, ...] = ()
     dry: tuple[BoundJointFriction, ...] = ()
     solids: tuple[BoundShape, ...] = ()
 
@@ -106,7 +115,10 @@ class BoundContact:
     def candidates(self) -> tuple[str, ...]:
         """Names of its cones, half-lines and intervals."""
         cones = [name for name, _ in self.cones]
-        return (*cones, *(stop.name for stop in self.stops), *(each.name for each in self.dry))
+        return (
+            *cones, *(stop.name for stop in self.stops), *(line.name for line in self.lines),
+            *(each.name for each in self.dry),
+        )  # fmt: skip
 
 
 # Contact points over planes, all of a scene at once.

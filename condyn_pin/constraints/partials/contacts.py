@@ -36,6 +36,7 @@ from condyn_pin.constraints.contacts.touches import (
     PlaneContact,
     columns,
 )
+from condyn_pin.constraints.rows.cables import Lines
 from condyn_pin.constraints.rows.special import skews
 
 _WEIGHTS: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
@@ -51,21 +52,28 @@ class ContactTurning:
         touches = [touch for bound in bounds for touch in bound.touches]
         pairs = [pair for bound in bounds for pair in bound.pairs]
         closed = not joints_with_turning_axes(model)
+        lines = [each.line for bound in bounds for each in bound.lines]
         self._over_planes = _OverPlanes(model, touches) if touches and closed else None
+        self._lines = Lines(model, lines) if lines and closed else None
+        stops = sum(len(bound.stops) for bound in bounds)
+        first = 3 * self._candidates.cones + stops
+        self._of_lines = slice(first, first + len(lines))
         self._meetings = MeetingTurning(model, pairs) if pairs and closed else None
-        self._moves = bool(touches or pairs)
+        self._moves = bool(touches or pairs or lines)
         self._differences = self._moves and not closed
 
     def go(self, q: Array, J: Array) -> None:
         """Evaluate at a configuration q; J (rows, nv) are the rows of all candidates there."""
         self._q = q
-        if self._over_planes is None and self._meetings is None:
+        if self._over_planes is None and self._meetings is None and self._lines is None:
             return
         pin.computeJointJacobians(self._model, self._data, q)
         if self._over_planes is not None:
             self._over_planes.go(self._data, J[: 3 * self._candidates.contact_points])
         if self._meetings is not None:
             self._differences = not self._meetings.go(self._data)
+        if self._lines is not None:
+            self._K = self._lines.bend(self._data)
 
     def by_q(self, velocities: Sequence[Array], lam: Array) -> tuple[Array, Array]:
         """Partials by q: of J w for each w (count, rows, nv), and of J^T lam (nv, nv)."""
@@ -80,6 +88,8 @@ class ContactTurning:
             pulls += self._over_planes.pulls(lam)
         if self._meetings is not None:
             pulls += self._meetings.pulls(lam[first : first + self._meetings.size])
+        if self._lines is not None:
+            pulls += np.einsum("kij,k->ij", self._K, lam[self._of_lines])
         return self._slips(W), pulls
 
     def velocity_by_q(self, w: Array) -> Array:
@@ -96,6 +106,8 @@ class ContactTurning:
                 slips = part.slips(W)
                 by_q[:, first : first + slips.shape[1]] = slips
                 first += slips.shape[1]
+        if self._lines is not None:
+            by_q[:, self._of_lines] = np.einsum("kij,ci->ckj", self._K, W)
         return by_q
 
     def _differenced(self, W: Array, lam: Array) -> tuple[Array, Array]:

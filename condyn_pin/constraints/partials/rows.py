@@ -58,7 +58,7 @@ class ConstraintPartials:
         self._rolling = RollingPartials(frames, bounds, drift)
         self._points = PointPartials(model, data, bounds, drift)
         self._couplings = [b for b in bounds if isinstance(b, BoundCoupling)]
-        self._own = [b for b in bounds if isinstance(b, BoundFunctions)]
+        self._own = [b.at_work() for b in bounds if isinstance(b, BoundFunctions)]
         on_joints = self._couplings or self._own
         # what makes arrays for `write`: zeros where there are couplings, all other rows are written
         self.make: Callable[[tuple[int, ...]], Array] = np.zeros if on_joints else np.empty

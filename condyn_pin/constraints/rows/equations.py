@@ -439,7 +439,7 @@ class Cancellation:
                 self._bent += [b] if b.bends else []
                 continue
             if isinstance(b, BoundFunctions):
-                self._own.append(b)
+                self._own.append(b.at_work())
                 continue
             assert isinstance(b, TwoFrameConstraint)
             turns = b.turns(model)

@@ -47,6 +47,10 @@ class BoundFunctions(OnCoordinates, ABC):
         """Name of the constraint and number of the row."""
         return tuple(f"{self.name}.{i + 1}" for i in range(self.size))
 
+    def at_work(self) -> BoundFunctions:
+        """The rows with what memory they need, not to be shared between threads: as they are."""
+        return self
+
     @property
     def rheonomic(self) -> bool:
         """True if time enters the functions, and not just a path that they follow."""
@@ -188,7 +192,7 @@ class Functions:
     """All rows of functions of one scene."""
 
     def __init__(self, bounds: Sequence[BoundFunctions], nv: int) -> None:
-        self._rows = [(b, np.zeros((b.size, nv))) for b in bounds]
+        self._rows = [(b.at_work(), np.zeros((b.size, nv))) for b in bounds]
         self._moving = [b for b in bounds if b.rheonomic]
         self.t: float | None = None  # that of each constraint, if None [s]
 

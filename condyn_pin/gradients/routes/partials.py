@@ -193,14 +193,13 @@ def _bends(steps: LinearizedStep, posed: StepProblem, before: Array) -> Array:
     bends, there = np.zeros((len(posed.near.bends), 2 * len(v))), posed.straight
     if there is None:
         return bends
-    k, data = chosen.contact_points, system.equations.data
-    normals = slice(2, 3 * k, 3)
+    curved, data = chosen.curved, system.equations.data
     algorithms(data).computeJointJacobians(system.model, data, there)
-    J_end = system.contacts.normals_over_planes(data)[chosen.over_planes]
-    J_n = posed.J_n[:k]
+    J_end = system.contacts.curved_normals(data)[chosen.of_curved]
+    J_n = posed.J_n[curved]
     by_at, by_move = steps.partials.integrate(posed.at, dt * v)
-    bends[:k, : len(v)] = J_end.dot(by_at) - J_n - dt * before[normals]
-    bends[:k, len(v) :] = dt * (J_end.dot(by_move) - J_n)
+    bends[curved, : len(v)] = J_end.dot(by_at) - J_n - dt * before[chosen.normals][curved]
+    bends[curved, len(v) :] = dt * (J_end.dot(by_move) - J_n)
     return bends
 
 
