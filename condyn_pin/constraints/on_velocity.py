@@ -14,13 +14,13 @@ the plane has a height.
 from __future__ import annotations
 
 from abc import ABC
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, ClassVar, Literal, Self, get_args
 
-import numpy as np
-
 from condyn_pin.constraints.constraint import (
     FramedModel,
+    Support,
     Vector3,
     WithWorld,
     check_positive,
@@ -28,9 +28,9 @@ from condyn_pin.constraints.constraint import (
     floats,
     plane,
 )
-from condyn_pin.constraints.places import set_frames
+from condyn_pin.constraints.places import WORLD, FrameLike, set_frames
 from condyn_pin.constraints.rows.bound import BoundConstraint
-from condyn_pin.constraints.rows.special import BoundRolling
+from condyn_pin.constraints.rows.special import BoundRolling, BoundRollingOver, RollingOver
 
 Direction = Literal["rolling", "lateral", "normal"]
 
@@ -51,7 +51,7 @@ class Nonholonomic(WithWorld, ABC):
 
 
 class OnPlane(Nonholonomic, ABC):
-    """Rolling contact with a plane of the world."""
+    """Rolling contact with a plane of the world, or of another body."""
 
     has_normal: ClassVar[bool] = True
     lengths: ClassVar[tuple[str, ...]] = ("radius", "height")
@@ -60,9 +60,10 @@ class OnPlane(Nonholonomic, ABC):
     radius: float  # [m]
     normal: Vector3
     height: float | None  # [m]
+    on: FrameLike
 
     def _check(self) -> None:
-        set_frames(self, "frame")
+        set_frames(self, "frame", "on")
         check_positive("length [m]", radius=self.radius)
         object.__setattr__(self, "radius", float(self.radius))
         object.__setattr__(self, "normal", direction("normal", self.normal))
@@ -71,17 +72,52 @@ class OnPlane(Nonholonomic, ABC):
 
     def _rolled(
         self, machine: FramedModel, rows: slice, holds: tuple[int, ...], axle: int | None
-    ) -> BoundRolling:
-        ground = plane(self.normal, self.height)
+    ) -> BoundRolling | BoundRollingOver:
+        (joint, at), anchored = machine.frame(self.on), self.height is not None
+        ground = at * plane(self.normal, self.height)
+        if joint:
+            over = RollingOver(self.radius, axle, holds, anchored)
+            ends = (*machine.frame(self.frame), joint, ground)
+            return BoundRollingOver(self.name, rows, *ends, over, anchored)
         return BoundRolling(
             self.name, rows, *machine.frame(self.frame), ground, holds, self.radius, axle,
-            anchored=self.height is not None,
+            anchored=anchored,
         )  # fmt: skip
 
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """The frame, and that of the plane if it is not the world's."""
+        return (self.frame,) if self.on in WORLD else (self.frame, self.on)
+
+    @property
+    def presses(self) -> bool:
+        """True if it is held to the plane."""
+        return self._support is not None
+
+    @property
+    def support(self) -> Support | None:
+        """A point on the floor, if it is held to a plane of the world."""
+        return self._support if self.on in WORLD else None
+
+    @property
+    def _support(self) -> Support | None:
+        """A point, if the normal row is there."""
+        return Support()
+
+    def sides(self, machine: Machine) -> tuple[int, int]:
+        """Return the joints that carry the frame and the plane."""
+        return machine.frame(self.frame)[0], machine.frame(self.on)[0]
+
     def acting(self, *, swapped: bool) -> tuple[str, str, str]:
-        """Return the frame, the world, and the frame of the rows' axes."""
-        return self.frame, "world", f"{self.name}/touching"
+        """Return the frame, what carries the plane, and the frame of the rows' axes."""
+        return self.frame, self.on, f"{self.name}/touching"
+
+    def renamed(self, new: Callable[[str], str]) -> Self:
+        """Return the contact between frames of other names."""
+        on = self.on if self.on in WORLD else new(self.on)
+        return replace(super().renamed(new), on=on)  # type: ignore[call-arg, return-value]
 
     def anchored_at(self, c1: Any, c2: Any) -> Self:
         """Return the contact with the plane through its lowest point."""
-        return replace(self, height=float(np.dot(self.normal, c1.translation)))  # type: ignore[call-arg]
+        height = float(c2.rotation[:, 2].dot(c1.translation - c2.translation))
+        return replace(self, height=height)  # type: ignore[call-arg]

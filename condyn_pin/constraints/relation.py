@@ -17,12 +17,9 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 
-import numpy as np
-
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint import BetweenFrames, FramedModel
-from condyn_pin.constraints.rows.special import STENCIL, STEP, BoundRelation
+from condyn_pin.constraints.rows.special import BoundRelation, differenced_bend
 
 
 class FrameRelation(BetweenFrames, ABC):
@@ -48,12 +45,7 @@ class FrameRelation(BetweenFrames, ABC):
 
         By fourth-order differences, which leave 1e-12 of it; derivatives of answers ask for it.
         """
-        found = np.zeros((6, self.rows, 6))
-        for i, d in enumerate(STEP * np.eye(6)):
-            for k, share in STENCIL:
-                turned = pin.exp3(-k * d[3:]) @ R
-                found[i] += share / STEP * self.weights_rate(turned, r - k * d[:3], s)
-        return found
+        return differenced_bend(self.weights_rate, R, r, s)
 
     @property
     def row_words(self) -> tuple[str, ...]:

@@ -8,15 +8,16 @@ from dataclasses import dataclass
 from condyn_pin.constraints.constraint import Axis, FramedModel, Support, Vector3, check_axis
 from condyn_pin.constraints.on_velocity import EVERY, Direction, OnPlane
 from condyn_pin.constraints.places import FrameLike
-from condyn_pin.constraints.rows.special import BoundRolling
+from condyn_pin.constraints.rows.special import BoundRolling, BoundRollingOver
 from condyn_pin.errors import InvalidArgument
 
 
 @dataclass(frozen=True)
 class RollingWheel(OnPlane):
-    """A thin wheel that rolls on a plane of the world without slipping: 3 rows or fewer.
+    """A thin wheel that rolls on a plane without slipping: 3 rows or fewer.
 
-    Its lowest point has no velocity, upright or leaning: with e the axle, n the normal of the plane
+    Its lowest point has the velocity of the plane, upright or leaning: on one that stands still,
+    with e the axle, n the normal of the plane
     and all in the axes of the body,
 
         t = e x n / |e x n|,    r = radius e x t,    v + omega x r = 0   along t, n x t and n.
@@ -33,10 +34,13 @@ class RollingWheel(OnPlane):
         The directions in which it does not slip: along t, across, and off the plane. A base that
         moves in the plane anyway needs no "normal", and an omnidirectional wheel has no "lateral".
     normal : (3,) sequence of float
-        Of the plane, in the world; any length.
+        Of the plane, in the axes of `on`; any length.
     height : float, optional
-        Of the plane, along the normal from the world's origin [m]. Without it the plane is where
+        Of the plane, along the normal from the origin of `on` [m]. Without it the plane is where
         the wheel stands: "normal" has no position error either.
+    on : str, (joint, pin.SE3) or pin.Frame
+        Frame that carries the plane: `normal` and `height` are in its axes. The world by default;
+        a frame of another body for a table, a belt or a ramp that moves.
     name : str, optional
         Name of the constraint; the frame's name by default.
 
@@ -58,6 +62,7 @@ class RollingWheel(OnPlane):
     holds: tuple[Direction, ...] = EVERY
     normal: Vector3 = (0.0, 0.0, 1.0)
     height: float | None = None  # [m]
+    on: FrameLike = "world"
 
     def __post_init__(self) -> None:
         check_axis(self.axis)
@@ -70,7 +75,7 @@ class RollingWheel(OnPlane):
         """Number of rows: one for each direction."""
         return len(self.holds)
 
-    def bind(self, machine: FramedModel, rows: slice) -> BoundRolling:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundRolling | BoundRollingOver:
         """Return the constraint with c1 its frame, and c2 the plane."""
         holds = tuple(EVERY.index(each) for each in self.holds)
         return self._rolled(machine, rows, holds, axle="xyz".index(self.axis))
@@ -81,7 +86,7 @@ class RollingWheel(OnPlane):
         return f"RollingWheel ({', '.join(self.holds)})"
 
     @property
-    def support(self) -> Support | None:
+    def _support(self) -> Support | None:
         """A point, if the wheel is held to the plane."""
         return Support() if "normal" in self.holds else None
 

@@ -264,7 +264,7 @@ def floor_pressure(at: Sites, lam: Array) -> Pressure:
     noise = tolerances.SOLVED * max(weight, float(np.abs(lam).max(initial=0.0)))
     forces, up = at.forces(lam), upward(at.scene)
     for contact in at.scene.constraints:
-        if not contact.presses:
+        if contact.support is None:
             continue
         force = forces[contact.name]
         whole = np.zeros(6)

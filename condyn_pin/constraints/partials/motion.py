@@ -248,7 +248,7 @@ class Frames:
 
     def ends(self, b: Pair) -> tuple[FrameMotion, FrameMotion, Any]:
         """Ends c1 and c2, and their relative placement c1Mc2."""
-        c1, c2 = b.ends(self.data.oMi)
+        c1, c2 = b.placed(self.data.oMi)
         one, two = self.end(b.joint1, b.placement1), self.end(b.joint2, b.placement2)
         return one, two, c1.actInv(c2)
 
@@ -423,7 +423,10 @@ def by_gap(b: Pair, R: Array, r: Array, W: Array) -> Array:
     """Partials (rows, 6) of c by delta: W, but for angles of gaps."""
     # With M = E1^-1 E2 and u = R e the axis of a hinge,
     # d(-log6 M) = Jlog6(M) R^T delta, d(-log R) = Jlog(R) R^T delta_ang, du = u x delta_ang.
-    if not b.anchored or isinstance(b, BoundRelation) or b.is_rod:
+    if isinstance(b, BoundRelation):
+        placed = [row - b.rows.start for row in b.positioned]
+        return np.isin(np.arange(len(W)), placed)[:, None] * W
+    if not b.anchored or b.is_rod:
         return b.anchored * W
     C = W.copy()
     if b.is_about_c1:

@@ -269,13 +269,17 @@ class TwoFrameConstraint(BoundConstraint, ABC):
         new = {"joint1": joints[self.joint1], "joint2": joints[self.joint2]}
         return replace(self, **new)  # type: ignore[type-var]
 
-    def ends(self, oMi: Any) -> tuple[Any, Any]:
-        """Frames c1 and c2 in the world."""
+    def placed(self, oMi: Any) -> tuple[Any, Any]:
+        """Frames c1 and c2 in the world, by which the rows are evaluated."""
         return oMi[self.joint1] * self.placement1, oMi[self.joint2] * self.placement2
+
+    def ends(self, oMi: Any) -> tuple[Any, Any]:
+        """Frames c1 and c2 in the world, or where its force acts and in which axes."""
+        return self.placed(oMi)
 
     def arm(self, oMi: Any) -> float:
         """Distance from c1 to the origin of c2, which the rows are about [m]."""
-        c1, c2 = self.ends(oMi)
+        c1, c2 = self.placed(oMi)
         return length(c2.translation - c1.translation)
 
     def reach(self, oMi: Any) -> float:

@@ -72,6 +72,17 @@ class Relation(Protocol):
         """Return the partials of W' by moves of the frames (6, rows, 6)."""
 
 
+def differenced_bend(
+    weights_rate: Callable[[Array, Array, Array], Array], R: Array, r: Array, s: Array
+) -> Array:
+    """Partials of W' by moves of the frames (6, rows, 6), s fixed, by fourth-order differences."""
+    by = []
+    for d in STEP * np.eye(6):
+        moved = ((pin.exp3(-k * d[3:]) @ R, r - k * d[:3], w / STEP) for k, w in STENCIL)
+        by.append(sum(w * weights_rate(turned, shifted, s) for turned, shifted, w in moved))
+    return np.array(by)
+
+
 @dataclass(frozen=True)
 class BoundRelation(TwoFrameConstraint):
     """A relation of two frames, bound; its `relation` has the equations."""
@@ -126,7 +137,7 @@ class BoundRelation(TwoFrameConstraint):
 
     def shares(self, oMi: Any) -> Array:
         """Sizes of W, and of its change by rounding of the frames' positions."""
-        c1, c2 = self.ends(oMi)
+        c1, c2 = self.placed(oMi)
         between = c1.actInv(c2)
         R, r = between.rotation, between.translation
         moves = np.diag(3 * [self.reach(oMi)] + 3 * [1.0])
@@ -431,9 +442,7 @@ class BoundRolling(TwoFrameConstraint):
 
     def whole(self, lam: Array) -> Array:
         """Force (3,) with zeros for the directions that slip [N]."""
-        force = np.zeros(3)
-        force[list(self.selection)] = lam
-        return force
+        return _whole(self.selection, lam)
 
     def ends(self, oMi: Any) -> tuple[Any, Any]:
         """Frame at the contact point, in the axes of the rows, and the frame of the plane."""
@@ -442,16 +451,7 @@ class BoundRolling(TwoFrameConstraint):
     def touching(self, oMi: Any) -> Any:
         """Frame of the rows: its origin the lowest point, its axes t, n x t and n."""
         # `oMi` is the placement of its joint in the world.
-        oMc1, R2 = oMi * self.placement1, self.placement2.rotation
-        n, t = R2[:, 2], R2[:, 0]
-        r = -self.radius * n
-        if self.axle is not None:
-            e = oMc1.rotation[:, self.axle]
-            m = pin.skew(e) @ n
-            size = float(np.linalg.norm(m))
-            t = m / size if size > FLAT else t
-            r = self.radius * pin.skew(e) @ t if size > FLAT else 0.0 * n
-        return pin.SE3(np.stack([t, pin.skew(n) @ t, n], axis=1), oMc1.translation + r)
+        return touching_frame(oMi * self.placement1, self.placement2, self.radius, self.axle)
 
     @property
     def has_computed_axes(self) -> bool:
@@ -480,6 +480,133 @@ class BoundRolling(TwoFrameConstraint):
                 f"{self.name!r} rolls on a plane of the world, which has no frame"
             )
         return 1
+
+
+def _whole(selection: Sequence[int], lam: Array) -> Array:
+    """Force (3,) with zeros for the directions that slip [N]."""
+    force = np.zeros(3)
+    force[list(selection)] = lam
+    return force
+
+
+def touching_frame(c1: Any, c2: Any, radius: float, axle: int | None) -> Any:
+    """Frame of the rows: its origin the lowest point over c2, its axes t, n x t and n."""
+    n, t = c2.rotation[:, 2], c2.rotation[:, 0]
+    r = -radius * n
+    if axle is not None:
+        e = c1.rotation[:, axle]
+        m = pin.skew(e) @ n
+        size = float(np.linalg.norm(m))
+        t = m / size if size > FLAT else t
+        r = radius * pin.skew(e) @ t if size > FLAT else 0.0 * n
+    return pin.SE3(np.stack([t, pin.skew(n) @ t, n], axis=1), c1.translation + r)
+
+
+# On a plane that a body carries the same rows are a relation of two frames: with c1 in the middle,
+# c2 in the plane, and all in the axes of c1,
+#
+#     n = R e_z,    d = r_low - r,    c = n . d,    W = T (1, -[d]x)
+#
+# r_low the lowest point from the middle: r above.
+
+
+@dataclass(frozen=True)
+class RollingOver:
+    """Rows of a wheel or a ball over a plane of another body."""
+
+    radius: float  # [m]
+    axle: int | None  # the axis of c1 that a wheel turns about; None for a ball
+    selection: tuple[int, ...]
+    has_height: bool  # else the plane is where it rolls
+
+    @property
+    def row_words(self) -> tuple[str, ...]:
+        """Names of the directions."""
+        return tuple(DIRECTIONS[i] for i in self.selection)
+
+    @property
+    def angles(self) -> tuple[bool, ...]:
+        """Flags of the rows: none is an angle."""
+        return (False,) * len(self.selection)
+
+    def violation(self, R: Array, r: Array) -> Array:
+        """Height (rows,) over the plane, zero along it [m]."""
+        T, low = self._touch(R)
+        return np.array([0.0, 0.0, self.has_height * T[2] @ (low - r)])[list(self.selection)]
+
+    def weights(self, R: Array, r: Array) -> Array:
+        """Weights W (rows, 6)."""
+        T, low = self._touch(R)
+        return np.hstack((T, -T @ pin.skew(low - r)))[list(self.selection)]
+
+    def weights_rate(self, R: Array, r: Array, s: Array) -> Array:
+        """Rate W' (rows, 6) while the frames move by s."""
+        T, low = self._touch(R)
+        T_dot, low_dot = self._touch_rate(R, T, -pin.skew(s[3:]) @ R)
+        turned = -T_dot @ pin.skew(low - r) - T @ pin.skew(low_dot + s[:3])
+        return np.hstack((T_dot, turned))[list(self.selection)]
+
+    def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
+        """Partials of W' by moves of the frames (6, rows, 6), by differences."""
+        return differenced_bend(self.weights_rate, R, r, s)
+
+    def _touch(self, R: Array) -> tuple[Array, Array]:
+        """Axes T (3, 3) of the rows, and the lowest point from the middle; zeros of one flat."""
+        n, t = R[:, 2], R[:, 0]
+        if self.axle is None:
+            return np.array([t, pin.skew(n) @ t, n]), -self.radius * n
+        e = pin.skew(np.eye(3)[self.axle])
+        m = e @ n
+        size = length(m)
+        t = m / size if size > FLAT else 0.0 * m
+        return np.array([t, pin.skew(n) @ t, n]), self.radius * e @ t
+
+    def _touch_rate(self, R: Array, T: Array, R_dot: Array) -> tuple[Array, Array]:
+        """Rates of both while R changes by R_dot."""
+        (t, _, n), n_dot, t_dot = T, R_dot[:, 2], R_dot[:, 0]
+        low_dot = -self.radius * n_dot
+        if self.axle is not None:
+            e = pin.skew(np.eye(3)[self.axle])
+            m_dot, size = e @ n_dot, length(e @ n)
+            t_dot = (m_dot - t * (t @ m_dot)) / size if size > FLAT else 0.0 * t
+            low_dot = self.radius * e @ t_dot
+        across = pin.skew(n_dot) @ t + pin.skew(n) @ t_dot
+        return np.array([t_dot, across, n_dot]), low_dot
+
+
+@dataclass(frozen=True)
+class BoundRollingOver(BoundRelation):
+    """Wheel or ball that rolls on a plane of another body, bound."""
+
+    relation: RollingOver
+
+    @property
+    def is_scalar(self) -> bool:
+        """False: the force has the axes of the rows."""
+        return False
+
+    @property
+    def positioned(self) -> range:
+        """Row with a position error: the normal one, if the plane has a height."""
+        held = self.anchored and 2 in self.relation.selection
+        return range(self.rows.stop - held, self.rows.stop)
+
+    def whole(self, lam: Array) -> Array:
+        """Force (3,) with zeros for the directions that slip [N]."""
+        return _whole(self.relation.selection, lam)
+
+    def force(self, lam: Array, ends: Any) -> Array:
+        """Force (3,) along t, n x t and n [N]."""
+        return self.whole(lam)
+
+    def ends(self, oMi: Any) -> tuple[Any, Any]:
+        """Frame at the contact point, in the axes of the rows, and the frame of the plane."""
+        c1, c2 = self.placed(oMi)
+        return touching_frame(c1, c2, self.relation.radius, self.relation.axle), c2
+
+    def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
+        """Lowest point."""
+        return np.array(c1.translation)
 
 
 class Rolling:
