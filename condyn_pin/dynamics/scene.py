@@ -54,7 +54,7 @@ class Scene:
         Contacts and loops. Only these exist: the loops of the robot's description are in a scene
         if you put them there, ``Scene(robot, robot.loops)``. Pinocchio's own constraints become
         these, as in `from_pinocchio`.
-    contacts : sequence of FrictionalContact, JointLimit or JointFriction
+    contacts : sequence of FrictionalContact, JointLimit, JointFriction or Cable
         Contacts that may open or slide. Rows, rank, states and assembly do not include them.
 
     Raises
@@ -133,7 +133,7 @@ class Scene:
             or a `SurfaceContact`, without an anchor if nothing says where: the second placement is
             the identity, and Kp = 0. The others become a `Loop`, ball or weld. Gains become their
             `drift`, a name theirs, or "constraint i".
-        contacts : sequence of FrictionalContact, JointLimit or JointFriction
+        contacts : sequence of FrictionalContact, JointLimit, JointFriction or Cable
             As in `Scene`.
 
         Raises
