@@ -265,3 +265,70 @@ def test_mistakes_are_named() -> None:
     for targets, options, words in wrong:
         with pytest.raises(cp.CondynError, match=words):
             cp.solve_ik(scene, targets, **options)
+
+
+# Sizes: of a micrometre and of a kilometre, of many bodies, and of what nobody reaches.
+
+
+def arm(size: float) -> cp.Robot:
+    """Three hinges, links of 0.3 times a size [m]."""
+    model, parent = pin.Model(), 0
+    for name, kind in (("yaw", pin.JointModelRZ()), ("one", pin.JointModelRY()),
+                       ("two", pin.JointModelRY())):  # fmt: skip
+        place = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.3 * size]))
+        parent = model.addJoint(parent, kind, place, name)
+        model.appendBodyToJoint(parent, pin.Inertia.FromSphere(1.0, 0.1 * size), pin.SE3.Identity())
+    tip = pin.SE3(np.eye(3), np.array([0.0, 0.0, 0.4 * size]))
+    model.addFrame(pin.Frame("tip", parent, 0, tip, pin.FrameType.OP_FRAME))
+    return cp.Robot("arm", model)
+
+
+def test_a_robot_of_any_size_ends_as_near_and_as_soon():
+    found = {
+        size: cp.solve_ik(
+            cp.Scene(arm(size)),
+            [cp.control.FrameTask("tip", reference=size * np.array([0.3, 0.2, 0.9]))],
+            q0=[0.1, 0.2, 0.3],
+        )
+        for size in (1e-6, 1.0, 1e3)
+    }
+    assert {each.iterations for each in found.values()} == {found[1.0].iterations}
+    for size, each in found.items():
+        assert np.abs(each.errors["tip position"]).max() < 1e-9 * size
+        assert each.q == pytest.approx(found[1.0].q, abs=1e-6)
+
+
+@pytest.mark.parametrize("away", [1e12, 1e150])
+def test_a_target_that_nobody_reaches_is_refused_by_name(away):
+    task = cp.control.FrameTask("tip", reference=[away, 0.0, 0.0])
+    with pytest.raises(cp.InvalidArgument, match=r"tip position: its target is 1e\+.* away"):
+        cp.solve_ik(cp.Scene(arm(1.0)), [task], throw=False)
+
+
+def test_turns_are_followed_as_they_are():
+    """Quadratic from a third of a turn away: the slope of log3 is in the step."""
+    model = pin.Model()
+    j = model.addJoint(0, pin.JointModelSpherical(), pin.SE3.Identity(), "ball")
+    model.appendBodyToJoint(j, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    turn = pin.exp3(np.array([0.25, 0.2, 0.1]))
+    task = cp.control.Orientation("ball", reference=pin.Quaternion(turn).coeffs())
+    found = cp.solve_ik(cp.Scene(cp.Robot("ball", model)), [task], q0=[0, 0, 0, 1.0])
+    assert found.iterations <= 3
+
+
+def test_many_bodies_that_nothing_holds_together():
+    """As many as have memory for each tree; their centre of mass too."""
+    model = pin.Model()
+    for i in range(50):
+        j = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), f"b{i}")
+        model.appendBodyToJoint(j, pin.Inertia.FromSphere(1.0 + i, 0.1), pin.SE3.Identity())
+    target = pin.SE3(pin.exp3(np.array([0.1, 0.2, 0.3])), np.array([0.3, 0.2, 0.1]))
+    tasks = [
+        cp.control.FrameTask("b7", of="pose", reference=pin.SE3ToXYZQUAT(target)),
+        cp.control.CenterOfMass(reference=[0.1, -0.1, 0.2]),
+    ]
+    found = cp.solve_ik(cp.Scene(cp.Robot("bodies", model)), tasks)
+    assert found.status.ok
+    middles = found.q.reshape(50, 7)[:, :3]
+    com = (1.0 + np.arange(50)) @ middles / np.sum(1.0 + np.arange(50))
+    assert com == pytest.approx([0.1, -0.1, 0.2], abs=1e-8)

@@ -313,6 +313,19 @@ class Forest:
         J[:, tree.v] = block.reshape(6, -1)
         return J
 
+    def centerOfMass(self, model: Any, data: Any, q: Array) -> Array:
+        """Centre of mass (3,) in the world [m]."""
+        places = np.array(self._each(pin.centerOfMass, q))
+        masses = np.array([tree.data.mass[0] for tree in self._trees])
+        return np.asarray(masses @ places / masses.sum())
+
+    def jacobianCenterOfMass(self, model: Any, data: Any, q: Array) -> Array:
+        """Jacobian (3, nv) of the centre of mass."""
+        blocks = self._each(pin.jacobianCenterOfMass, q)
+        masses = [tree.data.mass[0] for tree in self._trees]
+        weighed = [m * J.reshape(3, -1) for m, J in zip(masses, blocks, strict=True)]
+        return np.asarray(np.hstack(weighed) / sum(masses))
+
     def computeCentroidalMomentum(self, model: Any, data: Any, q: Array, v: Array) -> Any:
         """Centroidal momentum, a pin.Force."""
         total, mass, moment = pin.Force.Zero(), 0.0, np.zeros(3)

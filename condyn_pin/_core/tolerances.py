@@ -67,9 +67,13 @@ ADVISED_ACCURACIES: Final = tuple(float(f"1e{digit}") for digit in range(-14, 0)
 # looking at is far below, and what leads out of reach opens them by as much within milliseconds.
 OUT_OF_REACH: Final = 1e-2
 
-# Error of a target that an inverse kinematics has met [m, rad]: Newton's method passes from 1e-5 to
-# 1e-10 in one step, and rounding of robots of some metres is 1e-13.
+# Error of a target that an inverse kinematics has met, of a length relative to the longest link, of
+# an angle in rad: Newton's method passes from 1e-5 to 1e-10 in one step, and rounding is 1e-13.
 TARGET: Final = 1e-9
+
+# Distance of a target, relative to the longest link, from which on it is refused: of what a link of
+# the robot moves it by, squares of such distances keep seven digits, and none at 1e16.
+FAR: Final = 1e9
 
 # Violation of a loop at which a velocity is still projected [m, rad]: J of a loop open by
 # g is off by about g over a lever of 0.1 m or more, so velocities by per mille. Simulations are

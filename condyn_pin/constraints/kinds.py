@@ -67,8 +67,8 @@ def bind(robot: FramedModel, constraints: Sequence[Constraint]) -> tuple[BoundCo
             raise InvalidConstraint(
                 f"{constraint!r}: a contact (PointContact, SurfaceContact, LineContact, "
                 "PlanarContact), what rolls or glides (RollingWheel, RollingBall, KnifeEdge), "
-                "a HeldJoint, a Loop, a Coupling or a TautCable is needed, Driven or not; contacts=[...] "
-                "has those that open"
+                "a HeldJoint, a Loop, a Coupling or a TautCable is needed, Driven or not; what "
+                "opens belongs into contacts=[...]"
             )
         if any(constraint.name == other.name for other in bound):
             raise InvalidConstraint(

@@ -26,7 +26,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,16 +43,19 @@ from condyn_pin._core.arguments import (
     normalised,
 )
 from condyn_pin._core.arrays import Array, finite, text_of
+from condyn_pin._core.joints import indices, lengths
 from condyn_pin._core.linalg import null_space
 from condyn_pin._core.models import indices
 from condyn_pin._core.show import Outcome
 from condyn_pin._core.threads import one_blas_thread
+from condyn_pin._core.trees import algorithms, data_of
+from condyn_pin.constraints.forces import ALIGNED, frame_jacobian
 from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.control.qp.chain import SolverLadder
 from condyn_pin.control.qp.qp_solver import QPSolver, QuadraticProgram
 from condyn_pin.control.qp.solvers import DAQP
 from condyn_pin.control.tasks.task import BoundTask, RobotMotion, Tracking
-from condyn_pin.dynamics.at_state import equations_of
+from condyn_pin.control.tasks.task import BoundTask, Motion, Point, Tracking
 from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument, TargetsNotReached
@@ -310,8 +313,37 @@ class _ClosedConfiguration(NamedTuple):
     E: Array
 
 
-def _met(here: _ClosedConfiguration) -> bool:
-    return float(np.abs(here.e).max()) <= tolerances.TARGET
+class _Still(Motion):
+    """The robot of a scene at rest, for tasks that ask where it is."""
+
+    def __init__(self, scene: Scene) -> None:
+        self.scene, self.model = scene, scene.robot.unedited
+        self.data, self.v = data_of(self.model), np.zeros(self.model.nv)
+        self._run = algorithms(self.data)
+
+    def place(self, q: Array) -> None:
+        """Go to a configuration."""
+        self.q = q
+        self._run.computeJointJacobians(self.model, self.data, q)
+
+    def frame(self, joint: int, placement: Any) -> Point:
+        """Return a frame: its placement in the world, and 6 rows in the axes of the world."""
+        J = frame_jacobian(self.model, self.data, joint, placement, ALIGNED)
+        return Point(self.data.oMi[joint] * placement, np.zeros(6), J, np.zeros(6))
+
+    def center_of_mass(self) -> Point:
+        """Return the centre of mass: 3 rows in the axes of the world."""
+        com = np.array(self._run.centerOfMass(self.model, self.data, self.q))
+        J = np.array(self._run.jacobianCenterOfMass(self.model, self.data, self.q))
+        return Point(com, np.zeros(3), J.reshape(3, -1), np.zeros(3))
+
+
+def _are_lengths(model: Any, task: BoundTask) -> Array:
+    """Flag of each row of a task: a length, or else an angle."""
+    if task.fixed is None:
+        return np.array(["about " not in name for name in task.names])
+    of_columns = np.concatenate([lengths(joint) for joint in list(model.joints)[1:]])
+    return np.asarray(of_columns[np.abs(task.fixed).argmax(axis=1)])
 
 
 class _Search:
@@ -325,16 +357,20 @@ class _Search:
         qp: QPSolver,
     ) -> None:
         self._scene, self._tasks, self._closer = scene, tasks, closer
-        self._motion = RobotMotion(scene, equations_of(scene))
+        self._motion = _Still(scene)
         self._ladder = SolverLadder(qp)
         weights = [np.full(len(task.names), weight) for task, weight in tasks.values()]
         every = np.concatenate(weights)
         self._root = np.sqrt(every / every.max())  # of the weight of each row
+        size = scene.robot.longest_link or 1.0
+        flags = [_are_lengths(scene.robot.model, task) for task, _ in tasks.values()]
+        self._unit = np.where(np.concatenate(flags), size, 1.0)  # of each row [m, rad]
 
     def run(self, first: Assembly, posture: Array | None, steps: int) -> InverseKinematics:
         """Answer from a start with closed loops."""
         closing = self._closer.close(first.q)
         here = self._place(closing.q, closing.J)
+        self._check_distance(here)
         if not first.closed:
             return self._answer(here, IKStatus.OPEN, 0, first)
         here, status, iterations = self._towards_targets(here, steps)
@@ -344,10 +380,24 @@ class _Search:
 
     def _place(self, q: Array, J: Array) -> _ClosedConfiguration:
         """Targets at a configuration with closed loops; J is that of all rows."""
-        self._motion.move(q, np.zeros(self._scene.robot.nv))
-        rows = [task.rows(self._motion, 0.0) for task, _ in self._tasks.values()]
+        self._motion.place(q)
+        rows = [(task.approach or task.rows)(self._motion, 0.0) for task, _ in self._tasks.values()]
         E, e = np.vstack([E for E, _ in rows]), np.concatenate([e for _, e in rows])
         return _ClosedConfiguration(q, J[self._closer.rows], e, E)
+
+    def _met(self, e: Array) -> bool:
+        """True if errors e, or changes of them, count as none."""
+        return float(np.abs(e / self._unit).max()) <= tolerances.TARGET
+
+    def _check_distance(self, here: _Place) -> None:
+        """Refuse targets that are so far away that rounding hides what the robot moves."""
+        for name, e in self._errors(here._replace(e=here.e / self._unit)).items():
+            if not np.abs(e).max() <= tolerances.FAR:
+                raise InvalidArgument(
+                    f"{name}: its target is {_size(self._errors(here)[name]):.3g} away, and the "
+                    f"longest link {self._scene.robot.longest_link or 1.0:.3g} m: no robot reaches "
+                    "that; correct its reference"
+                )
 
     def miss(self, e: Array) -> float:
         """|e|, weighted."""
@@ -371,12 +421,12 @@ class _Search:
         """Configuration nearest to the targets."""
         nu = _DAMPING
         for iteration in range(steps):
-            if _met(here):
+            if self._met(here.e):
                 return here, IKStatus.REACHED, iteration
             Z, (e, E) = self._free(here.J), self._weighted(here)
             A, size = E @ Z, _size(e)
             H, g = A.T @ A, -A.T @ e
-            H.flat[:: len(g) + 1] += nu * min(size, 1.0) ** 2 + _FLOOR * (1.0 + np.trace(H))
+            H.flat[:: len(g) + 1] += nu * min(size, 1.0) ** 2 + _FLOOR * (np.trace(H) or 1.0)
             dq = self._within(here.q, Z, H, g)
             there = self._closed(here.q, dq)
             gained = 0.0 if there is None else size**2 - self.miss(there.e) ** 2
@@ -387,7 +437,7 @@ class _Search:
                 promised = size**2 - _size(e - E @ dq) ** 2
                 nu *= 4.0 if gained < 0.25 * promised else 0.2 if gained > 0.75 * promised else 1.0
                 here = there
-                stuck = np.abs(dq).max() < _SETTLED and not _met(here)
+                stuck = np.abs(dq).max() < _SETTLED and not self._met(here.e)
             if stuck:
                 _, carries = self._carried(here)
                 lower = self._lower(here, carries)
@@ -395,7 +445,7 @@ class _Search:
                     status = IKStatus.AT_LIMITS if carries.any() else IKStatus.STATIONARY
                     return here, status, iteration + 1
                 here, nu = lower, _DAMPING
-        status = IKStatus.REACHED if _met(here) else IKStatus.OUT_OF_STEPS
+        status = IKStatus.REACHED if self._met(here.e) else IKStatus.OUT_OF_STEPS
         return here, status, steps
 
     def _towards_posture(
@@ -449,7 +499,7 @@ class _Search:
             if there is None:
                 return None
             off = here.e - there.e
-            if np.abs(off).max() < 0.1 * tolerances.TARGET:
+            if self._met(10.0 * off):
                 return there
             stops = self._stopped(there.q)
             free = self._closer.moving.copy()
@@ -459,7 +509,7 @@ class _Search:
             step = np.zeros(len(free))
             step[free] = np.linalg.lstsq(rows, wanted, rcond=tolerances.RANK)[0]
             there = self._closed(there.q, step)
-        if there is None or np.abs(here.e - there.e).max() >= tolerances.TARGET:
+        if there is None or not self._met(here.e - there.e):
             return None
         return there
 
@@ -506,9 +556,6 @@ class _Search:
 
         The second is a mask of the limits.
         """
-        # imported here: it takes as long to import as Pinocchio
-        from scipy.optimize import nnls
-
         Z, limits = self._free(here.J), self._closer.limits
         e, E = self._weighted(here)
         g, (low, high) = Z.T @ (E.T @ e), self._stops(here.q)
@@ -516,6 +563,9 @@ class _Search:
         pushed = np.vstack((-Z[limits.iv[low]], Z[limits.iv[high]]))
         if not len(pushed) or not len(g):
             return _size(g), carries
+        # imported here: it takes as long to import as Pinocchio
+        from scipy.optimize import nnls
+
         mu, slope = nnls(pushed.T, g)
         at = np.concatenate((np.flatnonzero(low), np.flatnonzero(high)))
         carries[at[mu > _CARRIED * float(np.linalg.norm(E)) * _size(e)]] = True

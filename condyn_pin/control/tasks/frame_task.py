@@ -20,6 +20,7 @@ from condyn_pin.control.tasks.task import (
     DefaultReference,
     RobotMotion,
     Tracking,
+    approach_by_turns,
     difference,
     moving,
     placement_at,
@@ -90,8 +91,10 @@ class FrameTask(Tracking):
         kind, x_r = (POSITION, np.array) if size == 3 else (POSE, _pose_numbers)
         sizes = (3, 3) if size == 3 else (12, 6)
         compiled = self._compiled(kind, sizes, start, x_r, at=joint, placement=place)
+        approach = approach_by_turns(rows, 3) if size == 6 else None
+        names = self._row_names(axes)
         return self._chosen(
-            BoundTask("accelerations", self._row_names(axes), self.unit, rows, compiled)
+            BoundTask("accelerations", names, self.unit, rows, compiled, approach=approach)
         )
 
 

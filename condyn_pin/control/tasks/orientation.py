@@ -19,6 +19,7 @@ from condyn_pin.control.tasks.task import (
     DefaultReference,
     RobotMotion,
     Tracking,
+    approach_by_turns,
     moving,
     placement_at,
 )
@@ -83,7 +84,10 @@ class Orientation(Tracking):
         compiled = self._compiled(
             ORIENTATION, (9, 3), start, _turn_numbers, at=joint, placement=place
         )
-        return self._chosen(BoundTask("accelerations", names, self.unit, rows, compiled))
+        approach = approach_by_turns(rows, 0)
+        return self._chosen(
+            BoundTask("accelerations", names, self.unit, rows, compiled, approach=approach)
+        )
 
 
 def turn_to(wanted: Array, R: Array) -> Array:

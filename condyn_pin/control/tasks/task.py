@@ -222,6 +222,26 @@ TASKS: dict[str, type[Task]] = {}
 DefaultReference = Callable[[], Array]
 
 
+# Of (motion, t): J (r, nv) or (r, m), and b (r,).
+Rows = Callable[["Motion", float], tuple[Array, Array]]
+
+
+def approach_by_turns(rows: Rows, first: int) -> Rows:
+    """Rows whose b are distances, three of them turns log3, with J the derivative of -b by q.
+
+    log3(R_r R^T exp(-w)) = b - Jlog3 w
+    """
+    turns = slice(first, first + 3)
+
+    def approach(motion: Motion, t: float) -> tuple[Array, Array]:
+        J, b = rows(motion, t)
+        J = J.copy()
+        J[turns] = pin.Jlog3(pin.exp3(b[turns])) @ J[turns]
+        return J, b
+
+    return approach
+
+
 @dataclass(frozen=True, eq=False)
 class BoundTask:
     """A task bound to one scene."""
@@ -234,6 +254,8 @@ class BoundTask:
     compiled: CompiledTask | None = None  # the same for the compiled core
     # (r, nv) J, where it is the same in every tick: its part of the program is computed once
     fixed: Array | None = None
+    # (r, nv) and b, with J the derivative of -b by q where turns are far; J of `rows` by default
+    approach: Callable[[Motion, float], tuple[Array, Array]] | None = None
 
 
 @dataclass(frozen=True)
@@ -355,13 +377,21 @@ class Tracking(Task):
             raise InvalidArgument(f"axes: one at least of {listed(known)} is needed")
         some = [known.index(name) for name in names]
 
-        def rows(motion: RobotMotion, t: float) -> tuple[Array, Array]:
-            J, b = bound.rows(motion, t)
-            return J[some], b[some]
+        def chosen_of(rows: Rows) -> Rows:
+            def some_rows(motion: RobotMotion, t: float) -> tuple[Array, Array]:
+                J, b = rows(motion, t)
+                return J[some], b[some]
 
-        fixed = None if bound.fixed is None else bound.fixed[some]
-        chosen = tuple(bound.names[i] for i in some)
-        return replace(bound, names=chosen, rows=rows, compiled=None, fixed=fixed)
+            return some_rows
+
+        return replace(
+            bound,
+            names=tuple(bound.names[i] for i in some),
+            rows=chosen_of(bound.rows),
+            compiled=None,
+            fixed=None if bound.fixed is None else bound.fixed[some],
+            approach=chosen_of(bound.approach) if bound.approach else None,
+        )
 
     def _feedback(
         self, size: int, start: Callable[[], Any], error: Callable[[Any], Callable[[Any], Array]]
