@@ -223,6 +223,8 @@ EVERY_KIND = {
     "wheel": cp.constraints.RollingWheel("foot", 0.3, height=0.2),
     "rolling ball": cp.constraints.RollingBall("foot", 0.3, height=0.2),
     "held": cp.constraints.HeldJoint("slide", 0.3),
+    "cable": cp.constraints.TautCable(("hand", "foot", "world"), 4.0, {"turn": 0.2, "slide": -0.3}),
+    "over": cp.constraints.RollingBall("hand", 0.3, height=0.2, on="foot"),
 }
 
 
