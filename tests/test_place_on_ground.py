@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin.constraints import Ball, Plane
+from condyn_pin.constraints import Ball, Box, Plane
 from condyn_pin.dynamics import contact_gaps
 from condyn_pin.mechanism import place_on_ground
 
@@ -32,6 +32,28 @@ def test_a_ball_comes_to_rest_in_a_groove():
     q[2] = -3.0
     gaps = list(contact_gaps(scene, place_on_ground(scene, q)).values())
     assert min(gaps) == pytest.approx(0.0, abs=1e-10)
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_a_rail_on_the_floor_lifts_the_leg_that_stands_in_it(seed):
+    """From above, and from within: the first foot touches, and none is in the rail."""
+    solo, rng = cp.load_robot("solo12"), np.random.default_rng(seed)
+    half = rng.uniform(0.01, 0.06), 1.0, rng.uniform(0.02, 0.06)
+    robot = solo.with_frame("rail", "world", [rng.uniform(-0.3, 0.3), 0.0, 0.5 * half[2]])
+    feet = robot.frictional_contacts(0.7)
+    rails = [
+        cp.FrictionalContact(
+            foot.frame, foot.shape, foot.offset, on="rail", on_shape=Box(*half), friction=0.7,
+            name=f"{foot.name} rail",
+        )
+        for foot in feet
+    ]  # fmt: skip
+    scene = cp.Scene(robot, contacts=[*feet, *rails])
+    q = robot.postures["standing"].copy()
+    q[2] += (seed % 2) * rng.uniform(-0.1, 0.5)
+    placed = place_on_ground(scene, q)
+    assert min(contact_gaps(scene, placed).values()) == pytest.approx(0.0, abs=1e-9)
+    assert np.array_equal(placed[:2], q[:2])
 
 
 def test_what_does_not_float_or_touch_stays():

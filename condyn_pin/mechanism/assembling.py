@@ -294,21 +294,26 @@ def assemble_batch(
 
 # place_on_ground: a floating robot on the ground that its contacts may touch.
 #
-#     x <- x - gap n,    of the ground with the least gap, until it touches
-#     x <- x - gap n,    of what a contact is in, until it is in nothing
+#     x <- x + h e,                    up, along e, out of what is lower than a link
+#     x <- x - min gap / (n . e) e,    down: convex shapes do not meet before that
+#     x <- x - gap n,                  out of walls, until it is in nothing
 
 
 # Shifts until every plane is clear: one for each of those that form a wedge, and some.
 _SHIFTS = 20
+
+# Steps downwards: of a corner past the edge of a box each leaves a share of the way.
+_DESCENTS = 200
 
 # What faces up by more than this, as the sine of its angle to the vertical, is ground; else a wall.
 _FACES_UP = 0.1
 
 
 def place_on_ground(scene: Scene, q: ArrayLike) -> Array:
-    """Return a configuration with the floating base shifted until the lowest contact just touches.
+    """Return a configuration with the floating base put down until the first contact touches.
 
-    x <- x - gap n,  with gap and n of the ground that is nearest below, and out of walls
+    It is moved along the vertical, up out of what is lower than the longest link before, and then
+    out of walls.
 
     Parameters
     ----------
@@ -320,9 +325,9 @@ def place_on_ground(scene: Scene, q: ArrayLike) -> Array:
     Returns
     -------
     q : (nq,) array
-        q as given, if the robot has no floating base or no contact has ground below it: planes and
-        boxes that face up. A wall moves the robot only where it is in one, and not where that takes
-        it into another.
+        q as given, if the robot has no floating base or no contact has ground below it: planes that
+        face up, and other shapes. A wall moves the robot only where it is in one, and not where
+        that takes it into another.
 
     Raises
     ------
@@ -342,11 +347,54 @@ def place_on_ground(scene: Scene, q: ArrayLike) -> Array:
     if not candidates.cones or model.joints[1].shortname() != "JointModelFreeFlyer":
         return placed
     own = _of_the_base(scene)
-    down = _shifted_base(scene, candidates, own, placed, walls=False)[0]
+    if upward(scene).any():
+        down = _put_down(scene, candidates, own, placed)
+    else:
+        down = _shifted_base(scene, candidates, own, placed, walls=False)[0]
     clear, ends = _shifted_base(scene, candidates, own, down, walls=True)
     on_ground = clear if ends else down
     _check_ties(scene, placed, on_ground)
     return on_ground
+
+
+def _put_down(scene: Scene, candidates: Candidates, own: NDArray[np.bool_], q: Array) -> Array:
+    """Base on the first ground below it, by `own` contacts; as it is without any."""
+    model, up = scene.robot.unedited, upward(scene)
+    data, size = data_of(model), scene.robot.longest_link or 1.0
+    pairs = [pair for bound in scene.contact_bounds for pair in bound.pairs]
+    planes = np.ones(candidates.cones, dtype=bool)
+    of_pairs = [pair.ground_shape.is_plane for pair in pairs for _ in range(pair.points)]
+    planes[candidates.contact_points :] = of_pairs
+
+    def at(lift: float) -> tuple[Array, Array, Array]:
+        """Configuration lifted along the vertical, gaps, and how fast they grow with a lift."""
+        moved = q.copy()
+        moved[:3] += lift * up
+        algorithms(data).forwardKinematics(model, data, moved)
+        gaps = candidates.gaps(data, moved)[: candidates.cones]
+        return moved, gaps, candidates.axes(data, moved)[:, :, 2] @ up
+
+    _, gaps, rises = at(0.0)
+    floors = own & planes & (rises > _FACES_UP)
+    solids = own & ~planes
+    out = float(np.where(floors, -gaps / np.where(floors, rises, 1.0), 0.0).max(initial=0.0))
+    lift = start = max(out, 0.0)
+    while np.where(solids, at(lift)[1], np.inf).min(initial=np.inf) < -tolerances.CLOSED:
+        lift = start + max(2.0 * (lift - start), 0.01 * size)
+        if lift - start > size:  # a wall, and no step
+            lift = start
+            break
+    for _ in range(_DESCENTS):
+        moved, gaps, rises = at(lift)
+        met_from_above = (rises > 0.0) & (gaps >= -tolerances.CLOSED)
+        below = np.isfinite(gaps) & (floors | (solids & met_from_above))
+        if not below.any():
+            return q
+        nearest = np.flatnonzero(below)[(gaps[below] / rises[below]).argmin()]
+        if abs(gaps[nearest]) <= tolerances.CLOSED:
+            return moved
+        lift -= gaps[nearest] / rises[nearest]
+    return moved
 
 
 def _shifted_base(
