@@ -268,6 +268,18 @@ def test_a_torque_of_the_winch_is_a_tension(hoist):
     assert slack.v[0] == pytest.approx(-1e-3 * G)
 
 
+def test_a_winch_that_is_locked_keeps_its_rope(hoist):
+    q = np.array([0.05, -0.5])
+    taut = cp.Scene(hoist.robot, [TautCable(("weight", "winch"), 2.0, {"winch": 0.1}, name="rope")])
+    for scene in (hoist, taut):
+        locked = scene.lock(["winch"], q)
+        (rope,) = (*locked.constraints, *locked.contacts)
+        assert (rope.length if scene is taut else rope.at_most) == pytest.approx(1.95)
+        assert rope.reels == ()
+    found = cp.solve(taut.lock(["winch"], q), [0.05], [0.0], [0.0])
+    assert found.lam == pytest.approx([3.0 * G])
+
+
 def test_a_driven_taut_cable_is_a_winch():
     scene = cp.Scene(
         weights(3.0),

@@ -321,7 +321,11 @@ def reduced_scene(
     # It was made at the configuration q of `scene`, left out what `dropped` says, and cut off the
     # bodies of the joints `found`. The full scene is that before the first step. Contacts go with
     # it, but for those that nothing is left of.
-    contacts, idle = _fitting(robot, scene.contacts)
+    model = scene.robot.model
+    gone = [(name, model.joints[model.getJointId(name)]) for name in scene.robot.joints
+            if name not in robot.joints]  # fmt: skip
+    held_at = {name: float(q[joint.idx_q]) for name, joint in gone if joint.nq == 1}
+    contacts, idle = _fitting(robot, [each.with_held(held_at) for each in scene.contacts])
     dropped = (*dropped, *(f"contact {name}: its body or its joint is held, or cut off"
                            for name in idle))  # fmt: skip
     if not isinstance(scene, ReducedScene):

@@ -6,7 +6,7 @@ at_least <= sum of the spans - sum r_j q_j <= at_most,        lam >= 0 at each
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from condyn_pin._core.arrays import text_of
 from condyn_pin.constraints.constraint import Constraint, Machine, MjcfGeomWriter, check_lengths
@@ -14,7 +14,14 @@ from condyn_pin.constraints.contacts.contact import Contact, Mode
 from condyn_pin.constraints.contacts.touches import BoundContact, BoundLine
 from condyn_pin.constraints.path import Path
 from condyn_pin.constraints.places import FrameLike
-from condyn_pin.constraints.taut_cable import Reels, TautCable, frames_through, line_of, reels_of
+from condyn_pin.constraints.taut_cable import (
+    Reels,
+    TautCable,
+    frames_through,
+    line_of,
+    reels_of,
+    wound_to,
+)
 from condyn_pin.errors import (
     InvalidArgument,
     InvalidConstraint,
@@ -115,6 +122,20 @@ class Cable(Contact):
         except InvalidConstraint as error:
             raise InvalidArgument(str(error)) from error
         return BoundContact(self.name, lines=tuple(lines))
+
+    def with_held(self, values: Mapping[str, float]) -> Cable:
+        """Return the cable with some of its reels held."""
+        most, least = (
+            None if x is None else wound_to(x, self.reels, values)
+            for x in (self.at_most, self.at_least)
+        )
+        reels = (most or least or (0.0, self.reels))[1]
+        return replace(
+            self,
+            at_most=None if most is None else most[0],
+            at_least=None if least is None else least[0],
+            reels=reels,
+        )
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
         """Return `TautCable` for each length that is reached; without modes, the only one."""

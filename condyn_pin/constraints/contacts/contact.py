@@ -57,6 +57,10 @@ class Contact(GivenFields, ABC):
     def bind(self, machine: FramedModel) -> BoundContact:
         """Return the contact bound to the joints of a machine."""
 
+    def with_held(self, values: Mapping[str, float]) -> Contact:
+        """Return the contact with joints held at values: itself, unless these enter its gap."""
+        return self
+
     @abstractmethod
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
         """Return the constraints that hold the contact while its candidates stay in their modes.
