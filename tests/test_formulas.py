@@ -274,6 +274,19 @@ def test_rod():
     assert cp.Workspace(scene).violation(q) == pytest.approx(0.5 - distance)
 
 
+def test_cable():
+    """Over a pulley and wound on a drum, with its gap at a configuration."""
+    model = pin.Model()
+    for name, kind in (("load", pin.JointModelPZ()), ("winch", pin.JointModelRX())):
+        j = model.addJoint(0, kind, pin.SE3.Identity(), name)
+        model.appendBodyToJoint(j, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    over = ("load", "world + [0.3 0 2]", "world + [1 0 0]")
+    rope = cp.Cable(over, 5.0, reels={"winch": 0.2}, name="rope")
+    gap = cp.dynamics.contact_gaps(cp.Scene(cp.Robot("hoist", model), contacts=[rope]), [0.5, 0.7])
+    spans = np.linalg.norm([0.3, 1.5]) + np.linalg.norm([0.7, 2.0])
+    close(gap["rope"], 5.0 + 0.2 * 0.7 - spans)
+
+
 def test_knife_edge():
     sleigh = cp.model.sleigh()
     scene = cp.Scene(sleigh, [KnifeEdge("blade", axis="y")])

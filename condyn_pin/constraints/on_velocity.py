@@ -85,11 +85,6 @@ class OnPlane(Nonholonomic, ABC):
         )  # fmt: skip
 
     @property
-    def frames(self) -> tuple[str, ...]:
-        """The frame, and that of the plane if it is not the world's."""
-        return (self.frame,) if self.on in WORLD else (self.frame, self.on)
-
-    @property
     def presses(self) -> bool:
         """True if it is held to the plane."""
         return self._support is not None
