@@ -409,7 +409,9 @@ def test_winches_are_controlled_with_tensions_that_pull():
         for k, w in enumerate(winches)
     ]
     scene = cp.Scene(robot, ropes)
-    task = cp.control.JointTask("x", a=[9.0]), cp.control.JointTask("z", a=[0.0])
+    task = [
+        cp.control.JointTask(joint, a=[a], weight=np.inf) for joint, a in (("x", 9.0), ("z", 0.0))
+    ]
     answer = cp.Controller(scene, task, cones={}).solve(np.zeros(5), np.zeros(5))
     assert answer.a[:2] == pytest.approx([9.0, 0.0], abs=1e-6)
     T = answer.lam
