@@ -99,7 +99,7 @@ class OnPlane(Nonholonomic, ABC):
         """A point, if the normal row is there."""
         return Support()
 
-    def sides(self, machine: Machine) -> tuple[int, int]:
+    def sides(self, machine: FramedModel) -> tuple[int, int]:
         """Return the joints that carry the frame and the plane."""
         return machine.frame(self.frame)[0], machine.frame(self.on)[0]
 

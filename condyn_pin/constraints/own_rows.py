@@ -14,7 +14,7 @@ from condyn_pin._core.arguments import check_type
 from condyn_pin._core.arrays import finite, text_of
 from condyn_pin.constraints.constraint import Constraint, FramedModel, text
 from condyn_pin.constraints.path import Polynomial
-from condyn_pin.constraints.rows.bound import Drive
+from condyn_pin.constraints.rows.bound import RowPath
 from condyn_pin.constraints.rows.functions import BoundOwn
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 
@@ -102,7 +102,7 @@ class OwnRows(Constraint):
     def bind(self, machine: FramedModel, rows: slice) -> BoundOwn:
         """Return the rows on all coordinates of a machine, J compared with the rate of c."""
         # time enters as in rows that follow a path, and none of them moves them besides
-        at_rest = Drive(Polynomial(((0.0,),) * self.rows), self.time) if self.rheonomic else None
+        at_rest = RowPath(Polynomial(((0.0,),) * self.rows), self.time) if self.rheonomic else None
         bound = BoundOwn(
             self.name, rows, machine.model, anchored=self.violation is not None, drive=at_rest,
             own=self,

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Self
 from condyn_pin._core.arrays import text_of
 from condyn_pin.constraints.constraint import (
     Constraint,
-    Machine,
+    FramedModel,
     check_lengths,
     floats,
     text,
@@ -72,16 +72,16 @@ class TautCable(Constraint):
         object.__setattr__(self, "reels", reels_of(self.reels))
         self._set_name("-".join(self.through))
 
-    def bind(self, machine: Machine, rows: slice) -> BoundCable:
+    def bind(self, machine: FramedModel, rows: slice) -> BoundCable:
         """Return the cable on all coordinates that move its frames."""
         line = line_of(machine, self.name, self.through, self.length, self.reels)
         return BoundCable(self.name, rows, machine.model, line=line)
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundCable:
+    def bind_to_drive(self, machine: FramedModel, rows: slice) -> BoundCable:
         """Return the cable as it is: J v is the rate of c everywhere."""
         return self.bind(machine, rows)
 
-    def sides(self, machine: Machine) -> tuple[int, ...]:
+    def sides(self, machine: FramedModel) -> tuple[int, ...]:
         """Return the joints that carry its frames, and its reels."""
         carriers = [machine.frame(frame)[0] for frame in self.through]
         reels = [machine.model.getJointId(joint) for joint, _ in reels_of(self.reels)]
@@ -149,7 +149,7 @@ def wound_to(
 
 
 def line_of(
-    machine: Machine, name: str, through: Sequence[str], length: float, reels: Reels,
+    machine: FramedModel, name: str, through: Sequence[str], length: float, reels: Reels,
     sign: float = 1.0,
 ) -> Line:  # fmt: skip
     """Line over frames of a machine, or InvalidConstraint."""

@@ -43,19 +43,16 @@ from condyn_pin._core.arguments import (
     normalised,
 )
 from condyn_pin._core.arrays import Array, finite, text_of
-from condyn_pin._core.joints import indices, lengths
 from condyn_pin._core.linalg import null_space
-from condyn_pin._core.models import indices
+from condyn_pin._core.models import algorithms, data_of, indices, lengths
 from condyn_pin._core.show import Outcome
 from condyn_pin._core.threads import one_blas_thread
-from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.forces import ALIGNED, frame_jacobian
 from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.control.qp.chain import SolverLadder
 from condyn_pin.control.qp.qp_solver import QPSolver, QuadraticProgram
 from condyn_pin.control.qp.solvers import DAQP
-from condyn_pin.control.tasks.task import BoundTask, RobotMotion, Tracking
-from condyn_pin.control.tasks.task import BoundTask, Motion, Point, Tracking
+from condyn_pin.control.tasks.task import BoundTask, RobotMotion, TaskQuantity, Tracking
 from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument, TargetsNotReached
@@ -313,7 +310,7 @@ class _ClosedConfiguration(NamedTuple):
     E: Array
 
 
-class _Still(Motion):
+class _Still(RobotMotion):
     """The robot of a scene at rest, for tasks that ask where it is."""
 
     def __init__(self, scene: Scene) -> None:
@@ -326,16 +323,16 @@ class _Still(Motion):
         self.q = q
         self._run.computeJointJacobians(self.model, self.data, q)
 
-    def frame(self, joint: int, placement: Any) -> Point:
+    def frame(self, joint: int, placement: Any) -> TaskQuantity:
         """Return a frame: its placement in the world, and 6 rows in the axes of the world."""
         J = frame_jacobian(self.model, self.data, joint, placement, ALIGNED)
-        return Point(self.data.oMi[joint] * placement, np.zeros(6), J, np.zeros(6))
+        return TaskQuantity(self.data.oMi[joint] * placement, np.zeros(6), J, np.zeros(6))
 
-    def center_of_mass(self) -> Point:
+    def center_of_mass(self) -> TaskQuantity:
         """Return the centre of mass: 3 rows in the axes of the world."""
         com = np.array(self._run.centerOfMass(self.model, self.data, self.q))
         J = np.array(self._run.jacobianCenterOfMass(self.model, self.data, self.q))
-        return Point(com, np.zeros(3), J.reshape(3, -1), np.zeros(3))
+        return TaskQuantity(com, np.zeros(3), J.reshape(3, -1), np.zeros(3))
 
 
 def _are_lengths(model: Any, task: BoundTask) -> Array:
@@ -389,7 +386,7 @@ class _Search:
         """True if errors e, or changes of them, count as none."""
         return float(np.abs(e / self._unit).max()) <= tolerances.TARGET
 
-    def _check_distance(self, here: _Place) -> None:
+    def _check_distance(self, here: _ClosedConfiguration) -> None:
         """Refuse targets that are so far away that rounding hides what the robot moves."""
         for name, e in self._errors(here._replace(e=here.e / self._unit)).items():
             if not np.abs(e).max() <= tolerances.FAR:

@@ -22,7 +22,6 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.models import algorithms
 from condyn_pin._core.threads import ThreadCache
-
 from condyn_pin.constraints.rows.equations import MANY, BatchedGaps, Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.integrators.integrator import Integrator

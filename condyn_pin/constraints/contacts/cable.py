@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from condyn_pin._core.arrays import text_of
-from condyn_pin.constraints.constraint import Constraint, Machine, MjcfGeomWriter, check_lengths
+from condyn_pin.constraints.constraint import Constraint, FramedModel, MjcfGeomWriter, check_lengths
 from condyn_pin.constraints.contacts.contact import Contact, Mode
 from condyn_pin.constraints.contacts.touches import BoundContact, BoundLine
 from condyn_pin.constraints.path import Path
@@ -112,7 +112,7 @@ class Cable(Contact):
             for word, length in given.items()
         }
 
-    def bind(self, machine: Machine) -> BoundContact:
+    def bind(self, machine: FramedModel) -> BoundContact:
         """Return a half-line for each length."""
         try:
             lines = [

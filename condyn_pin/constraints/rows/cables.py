@@ -28,8 +28,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin, placements_view
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import joints_with_turning_axes
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import joints_with_turning_axes, whole_data
 from condyn_pin.constraints.rows.functions import BoundFunctions
 
 

@@ -25,13 +25,13 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.drift import Baumgarte
-from condyn_pin.constraints.rows.bound import Drive
-from condyn_pin.constraints.rows.special import STENCIL, STEP, OnCoordinates
+from condyn_pin.constraints.rows.bound import RowPath
+from condyn_pin.constraints.rows.special import STENCIL, STEP, CoordinateRows
 from condyn_pin.errors import InvalidArgument
 
 
 @dataclass(frozen=True)
-class BoundFunctions(OnCoordinates, ABC):
+class BoundFunctions(CoordinateRows, ABC):
     """Rows of functions, bound to a model whose q they read."""
 
     name: str
@@ -39,7 +39,7 @@ class BoundFunctions(OnCoordinates, ABC):
     model: Any
     anchored: bool = True
     sign: float = 1.0
-    drive: Drive | None = None
+    drive: RowPath | None = None
     drift: Baumgarte | None = None
 
     @property
@@ -122,7 +122,7 @@ class BoundFunctions(OnCoordinates, ABC):
             f"{self.name}: it acts on all coordinates; generalized() has the force on each"
         )
 
-    def yields(
+    def approximate_delassus(
         self,
         body: Callable[[int], Array],
         columns: Callable[[Sequence[int]], float | Array],

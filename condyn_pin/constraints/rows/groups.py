@@ -41,7 +41,6 @@ from condyn_pin.constraints.rows.special import (
     BoundCoupling,
     BoundRelation,
     BoundRolling,
-    CoordinateRows,
     Couplings,
     Relations,
     Rolling,

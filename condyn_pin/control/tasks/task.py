@@ -223,7 +223,7 @@ DefaultReference = Callable[[], Array]
 
 
 # Of (motion, t): J (r, nv) or (r, m), and b (r,).
-Rows = Callable[["Motion", float], tuple[Array, Array]]
+Rows = Callable[["RobotMotion", float], tuple[Array, Array]]
 
 
 def approach_by_turns(rows: Rows, first: int) -> Rows:
@@ -233,7 +233,7 @@ def approach_by_turns(rows: Rows, first: int) -> Rows:
     """
     turns = slice(first, first + 3)
 
-    def approach(motion: Motion, t: float) -> tuple[Array, Array]:
+    def approach(motion: RobotMotion, t: float) -> tuple[Array, Array]:
         J, b = rows(motion, t)
         J = J.copy()
         J[turns] = pin.Jlog3(pin.exp3(b[turns])) @ J[turns]
@@ -255,7 +255,7 @@ class BoundTask:
     # (r, nv) J, where it is the same in every tick: its part of the program is computed once
     fixed: Array | None = None
     # (r, nv) and b, with J the derivative of -b by q where turns are far; J of `rows` by default
-    approach: Callable[[Motion, float], tuple[Array, Array]] | None = None
+    approach: Callable[[RobotMotion, float], tuple[Array, Array]] | None = None
 
 
 @dataclass(frozen=True)
