@@ -4,6 +4,8 @@ from .constraint import Constraint as Constraint
 from .contacts.cable import Cable as Cable
 from .contacts.contact import Contact as Contact
 from .contacts.frictional_contact import FrictionalContact as FrictionalContact
+from .contacts.ground import Facets as Facets
+from .contacts.ground import Ground as Ground
 from .contacts.joint_friction import JointFriction as JointFriction
 from .contacts.joint_limit import JointLimit as JointLimit
 from .contacts.shapes import Ball as Ball

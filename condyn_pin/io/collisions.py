@@ -17,6 +17,7 @@ import numpy as np
 from condyn_pin._core.arguments import check_type
 from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
+from condyn_pin.constraints.contacts.ground import Ground
 from condyn_pin.constraints.contacts.shapes import (
     Ball,
     Box,
@@ -46,10 +47,10 @@ class LinkShape(NamedTuple):
 
 
 def collisions(
-    robot: Robot, friction: float, ground: Plane, shapes: Sequence[str] | None
+    robot: Robot, friction: float, ground: Plane | Ground, shapes: Sequence[str] | None
 ) -> tuple[FrictionalContact, ...]:
-    """Contacts of the collision shapes of a file with a plane; see `Robot.collisions`."""
-    check_type("ground", ground, Plane, "a Plane(normal, height) is needed")
+    """Contacts of the collision shapes of a file with a ground; see `Robot.collisions`."""
+    check_type("ground", ground, Plane | Ground, "a Plane(normal, height) or a Ground is needed")
     return tuple(
         FrictionalContact(
             each.frame, each.shape, each.offset, ground, friction=friction, name=each.name

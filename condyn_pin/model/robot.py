@@ -18,6 +18,7 @@ from condyn_pin._core.arguments import Arguments, check_type, count_text, normal
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.models import rotation_fault
 from condyn_pin.constraints.constraint import Constraint, check_size
+from condyn_pin.constraints.contacts.ground import Ground
 from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.constraints.kinds import of_loops
 from condyn_pin.constraints.places import WORLD, FrameLike, find_frame, with_joint_names
@@ -590,7 +591,7 @@ class Robot:
         return feet_of(self.contacts, friction, on)
 
     def collisions(
-        self, friction: float, *, ground: Plane | None = None, shapes: Sequence[str] | None = None
+        self, friction: float, *, ground: Plane | Ground | None = None, shapes: Sequence[str] | None = None
     ) -> tuple[FrictionalContact, ...]:
         """Return a contact of each collision shape of the file, for `Scene(contacts=...)`.
 
@@ -604,7 +605,7 @@ class Robot:
         ----------
         friction : float
             Coulomb's coefficient [1].
-        ground : Plane, optional
+        ground : Plane or Ground, optional
             The ground; z = 0 of the world by default.
         shapes : sequence of str, optional
             Names of the links, or of single shapes, to take; all of them by default.

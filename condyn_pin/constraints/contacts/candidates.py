@@ -23,6 +23,8 @@ from condyn_pin._core.arrays import Array, Indices, read_only
 from condyn_pin._core.models import z_along
 from condyn_pin.constraints.constraint import plane
 from condyn_pin.constraints.contacts.meetings import ContactPoints, meetings
+from condyn_pin.constraints.contacts.on_ground import Found, OnGround
+from condyn_pin.constraints.contacts.seams import Piece
 from condyn_pin.constraints.contacts.shapes import Core, lengths_of
 from condyn_pin.constraints.contacts.touches import (
     BoundContact,
@@ -258,9 +260,12 @@ class Pairs:
 
     def __init__(self, model: Any, pairs: Sequence[Pair], *, exact: bool = False) -> None:
         self._pairs = tuple(pairs)
+        self._on_grounds = on_grounds(pairs, exact=exact)
+        self._between = [i for i, pair in enumerate(pairs) if pair.surface is None]
+        self._counts = [pair.points for pair in pairs]
+        self.size = sum(self._counts)
         self._distances = [Distance(pair) for pair in pairs] if exact else []
         self._pieces = [()] * len(pairs) if exact else [*pieces_of(pairs)]
-        self.size = sum(pair.points for pair in pairs)
         rows = [
             columns(model, pair.joint) - columns(model, pair.ground)
             for pair in pairs
@@ -311,13 +316,15 @@ class Pairs:
             middles = now.dot(self._middles).T.reshape(-1, 2, 3)
             apart, normals = lengths_of(middles[:, 0] - middles[:, 1])
             self._far = apart > 2.0 * self._reaches
-            found = [
-                self._far_away(i, data, middles[i, 0], normals[i], apart[i] - self._reaches[i])
+            found = {
+                i: self._far_away(i, data, middles[i, 0], normals[i], apart[i] - self._reaches[i])
                 if self._far[i]
                 else self._closely(i, data)
-                for i in range(len(self._pairs))
-            ]
-            filled = map(_filled, found, (pair.points for pair in self._pairs))
+                for i in self._between
+            }
+            for shapes in self._on_grounds:
+                found |= shapes.evaluate(data)
+            filled = (_filled(found[i], count) for i, count in enumerate(self._counts))
             gaps, points, normals = (np.concatenate(parts) for parts in zip(*filled, strict=True))
             distinct, of = np.unique(normals, axis=0, return_inverse=True)
             axes = np.array([plane(n, 0.0).rotation for n in distinct])
@@ -351,6 +358,44 @@ class Pairs:
                 hidden |= piece.hides(local, outwards.dot(at.rotation))
             found.gaps[hidden] = np.inf
         return found
+
+
+class ShapesOnGround:
+    """Pairs of shapes with one ground; not to be shared between threads.
+
+    Attributes
+    ----------
+    found : dict of int to Found
+        Features of the last evaluation, by the number of the pair.
+    """
+
+    def __init__(self, pairs: Sequence[Pair], its: Sequence[int], *, exact: bool) -> None:
+        self._its, self._exact, mine = its, exact, [pairs[i] for i in its]
+        assert mine[0].surface is not None
+        self._contacts = OnGround([pair.shape for pair in mine], mine[0].surface)
+        self._joints = [pair.joint for pair in mine]
+        self._R = np.array([pair.placement.rotation for pair in mine])
+        self._p = np.array([pair.placement.translation for pair in mine])
+        self.found: dict[int, Found] = {}
+
+    def evaluate(self, data: Any) -> dict[int, ContactPoints]:
+        """Contact points of each pair, by its number; reads data.oMi."""
+        at = {j: data.oMi[j] for j in {*self._joints}}
+        R = np.array([at[j].rotation for j in self._joints])
+        p = np.array([at[j].translation for j in self._joints])
+        placed = R @ self._R, np.matmul(R, self._p[:, :, None])[:, :, 0] + p
+        found = (self._contacts.far if self._exact else self._contacts.near)(*placed)
+        self.found = {i: its for i, (_, its) in zip(self._its, found, strict=True)}
+        return {i: points for i, (points, _) in zip(self._its, found, strict=True)}
+
+
+def on_grounds(pairs: Sequence[Pair], *, exact: bool) -> list[ShapesOnGround]:
+    """Shapes on each ground of some pairs."""
+    groups: dict[int, list[int]] = {}
+    for i, pair in enumerate(pairs):
+        if pair.surface is not None:
+            groups.setdefault(id(pair.surface), []).append(i)
+    return [ShapesOnGround(pairs, its, exact=exact) for its in groups.values()]
 
 
 class Distance:
@@ -418,81 +463,3 @@ def _filled(found: ContactPoints, points: int) -> ContactPoints:
     filled = found.taken(np.minimum(np.arange(points), count - 1))
     filled.gaps[count:] = np.inf
     return filled
-
-
-# Seams: which contacts of a piece lie where another piece of the same body covers it.
-#
-# Boxes side by side make a floor, and nothing meets the faces and edges between them. A contact at
-# x of a piece, with the outward normal n, is one of all pieces together if the ball that touches at
-# x from outside touches no other,
-#
-#     height of x + eps n over another piece  >=  eps,
-#
-# or if the piece goes on past the surface of the other, as a wall does above its floor: then it is
-# there behind x, where x is lifted along the normal m of that surface,
-#
-#     x + (eps - height of x along m) m - eps n / 2    in the piece.
-
-
-# Width of a seam, and height of a step, below which pieces count as flush [m]; and the same as a
-# share of the size of a piece that is small.
-_WIDTH: Final = 1e-4
-_SHARE: Final = 1e-2
-
-# Rounding of a height, and how far off another piece a point counts as on it, as shares of that.
-_ROUNDING: Final = 1e-9
-_ON: Final = 1e-3
-
-# Cosines between normals of faces that look at each other, and of faces side by side.
-_FACING: Final = -0.5
-_LEVEL: Final = 0.99
-
-
-class Piece:
-    """A solid of a body, and its neighbours on this body, in the axes of its joint.
-
-    Parameters
-    ----------
-    core : Core
-    others : sequence of Core
-        Solids of the same joint.
-    """
-
-    def __init__(self, core: Core, others: Sequence[Core]) -> None:
-        self._core, self._width = core, min(_WIDTH, _SHARE * core.size)
-        self._beside = [other for other in others if _is_beside(core, other, self._width)]
-
-    @property
-    def has_seams(self) -> bool:
-        """True if the piece has a neighbour."""
-        return bool(self._beside)
-
-    def hides(self, x: Array, n: Array) -> NDArray[np.bool_]:
-        """Flag of each point x (k, 3), with outward normals n: covered by a neighbour."""
-        eps, hidden = self._width, np.zeros(len(x), dtype=bool)
-        for other in self._beside:
-            at = x.dot(other.normals.T) - other.heights  # (k, faces)
-            cosines = n.dot(other.normals.T)
-            off = at + eps * cosines
-            touched = off.max(axis=1) < (1.0 - _ROUNDING) * eps
-            if not touched.any():
-                continue
-            off[cosines < _FACING] = -np.inf
-            face = (np.arange(len(x)), off.argmax(axis=1))
-            lifted = x + (eps - at[face])[:, None] * other.normals[face[1]] - 0.5 * eps * n
-            goes_on = (lifted.dot(self._core.normals.T) < self._core.heights).all(axis=1)
-            is_level = cosines[face] > _LEVEL
-            free = np.where(is_level, at.max(axis=1) > _ON * eps, goes_on)
-            free &= np.isfinite(off[face])  # all of it looks this way
-            hidden |= touched & ~free
-        return hidden
-
-
-def _is_beside(core: Core, other: Core, width: float) -> bool:
-    """True if the axis-aligned boxes round two different solids touch within a width."""
-    if not (core.is_solid and other.is_solid) or np.array_equal(core.vertices, other.vertices):
-        return False
-    (low, high), (lowest, highest) = (
-        (c.vertices.min(axis=0), c.vertices.max(axis=0)) for c in (core, other)
-    )
-    return bool((low <= highest + 2 * width).all() and (lowest <= high + 2 * width).all())

@@ -24,6 +24,7 @@ from condyn_pin.constraints.constraint import (
     shifted_placement,
 )
 from condyn_pin.constraints.contacts.contact import Contact, Mode
+from condyn_pin.constraints.contacts.ground import Ground
 from condyn_pin.constraints.contacts.shapes import (
     ContactPoint,
     Cylinder,
@@ -31,6 +32,7 @@ from condyn_pin.constraints.contacts.shapes import (
     Plane,
     Point,
     Shape,
+    ground_core,
     plane_core,
 )
 from condyn_pin.constraints.contacts.touches import BoundContact, BoundShape, Pair, PlaneContact
@@ -43,7 +45,7 @@ from condyn_pin.errors import InvalidArgument, InvalidModel, UnsupportedConstrai
 
 @dataclass(frozen=True)
 class FrictionalContact(Contact):
-    """A part of a body that may touch a plane, stick to it, slide on it, and leave it again.
+    """A part of a body that may touch the ground, stick to it, slide on it, and leave it again.
 
     0 <= gap,    0 <= lam_n,    gap lam_n = 0,    |lam_t| <= friction lam_n
 
@@ -57,13 +59,14 @@ class FrictionalContact(Contact):
         `Point`, `Ball`, `Capsule`, `Box`, `Convex`, `Cylinder` or `Ellipsoid`; a point by default.
     offset : (3,) sequence of float
         The centre of the shape, in the axes of `frame` [m].
-    on : Plane, str, (joint, pin.SE3) or pin.Frame
-        What it may touch: a plane of the world, z = 0 by default, or a frame of another body, which
+    on : Plane, Ground, str, (joint, pin.SE3) or pin.Frame
+        What it may touch: a plane of the world, z = 0 by default; a ground of planes, boxes, stairs
+        and meshes, in 4 points (a ball), 6 (a capsule) or 8; or a frame of another body, which
         carries `on_shape`.
     on_shape : Plane or Shape, optional
         What `on` carries, in its axes: a plane, or a shape round its origin. Two shapes have 1, 4
-        (a capsule and a solid), 5 (capsules) or 8 (solids) points where they meet. Cylinders and
-        ellipsoids touch planes alone, in 6 points and 1.
+        (a capsule and a solid), 5 (capsules) or 8 (solids) points where they meet. Cylinders touch
+        planes, in 6 points, and a `Ground`; ellipsoids touch planes alone, in 1.
     friction : float
         Coulomb's coefficient [1], 1000 at most. There is no default: 0 is ice, 0.7 rubber on a dry
         floor.
@@ -87,7 +90,7 @@ class FrictionalContact(Contact):
     frame: FrameLike
     shape: Shape = Point()  # noqa: RUF009  a value
     offset: Vector3 = (0.0, 0.0, 0.0)
-    on: Plane | str = Plane()  # noqa: RUF009  a value
+    on: Plane | Ground | str = Plane()  # noqa: RUF009  a value
     on_shape: Plane | Shape | None = None
     friction: float = None  # type: ignore[assignment]
     restitution: float = 0.0
@@ -122,7 +125,12 @@ class FrictionalContact(Contact):
         self._set_name(self.frame)
 
     def _check_ground(self) -> None:
-        if isinstance(self.on, Plane):
+        if isinstance(self.on, Ground) and isinstance(self.shape, Ellipsoid):
+            raise InvalidArgument(
+                f"shape = {self.shape!r}: it touches planes alone, on=Plane(...); a Convex also "
+                "touches a Ground"
+            )
+        if isinstance(self.on, Plane | Ground):
             if self.on_shape is not None:
                 cure = "it is the shape of a second body: name a frame of that one, on='frame'"
                 if isinstance(self.on_shape, Plane):
@@ -132,7 +140,7 @@ class FrictionalContact(Contact):
         try:
             set_frames(self, "on")
         except InvalidArgument as error:
-            raise InvalidArgument(f"{error}, of another body, or a Plane") from error
+            raise InvalidArgument(f"{error}, of another body, or a Plane or Ground") from error
         if not isinstance(self.on_shape, Plane | Shape):
             raise InvalidArgument(
                 f"on_shape = {text_of(self.on_shape)}: the shape on {self.on!r} is needed: a "
@@ -153,7 +161,7 @@ class FrictionalContact(Contact):
     def bind(self, machine: FramedModel) -> BoundContact:
         """Return its contact points over the plane, or the pair of shapes."""
         joint, placement = machine.frame(self.frame)
-        in_world = isinstance(self.on, Plane)
+        in_world = isinstance(self.on, Plane | Ground)
         ground, origin = (0, pin.SE3.Identity()) if in_world else machine.frame(str(self.on))
         if joint == ground:
             where = "the world" if joint == 0 else f"joint {machine.model.names[joint]!r}"
@@ -162,6 +170,12 @@ class FrictionalContact(Contact):
                 "name frames on two bodies that move against each other"
             )
         at, law = shifted_placement(placement, self.offset), (self.friction, self.restitution)
+        if isinstance(self.on, Ground):
+            core = self.shape.over_plane or self.shape.core
+            pair = Pair(
+                self.name, joint, at, core, 0, origin, ground_core(), *law, self.on.surface
+            )
+            return BoundContact(self.name, pairs=(pair,), solids=_solids((joint, at, self.shape)))
         below = self.on if isinstance(self.on, Plane) else self.on_shape
         if isinstance(below, Shape):
             pair = Pair(self.name, joint, at, self.shape.core, ground, origin, below.core, *law)
@@ -204,6 +218,11 @@ class FrictionalContact(Contact):
                 f"contact {self.name!r} has restitution = {self.restitution:g}; MuJoCo has no such "
                 "coefficient; dataclasses.replace(contact, restitution=0.0) leaves it out"
             )
+        if isinstance(self.on, Ground):
+            raise InvalidModel(
+                f"contact {self.name!r} is on a Ground, which is not written; on=Plane(...) or a "
+                "FrictionalContact(..., on='universe', on_shape=Box(...)) for each box is"
+            )
         below = self.on if isinstance(self.on, Plane) else (self.on, self.on_shape)
         to.collide(self.name, (self.frame, self.offset, self.shape), below, self.friction)
 
@@ -226,7 +245,7 @@ class FrictionalContact(Contact):
         if modes is None or any(m != "open" for name, m in modes.items() if self.owns(name)):
             cure = (
                 "is between two bodies: hold them together with a Loop"
-                if not isinstance(self.on, Plane)
+                if not isinstance(self.on, Plane | Ground)
                 else f"touches in other points as it turns: hold {self.frame!r} with a PointContact"
             )
             raise UnsupportedConstraint(f"{self.name} {cure}")

@@ -114,7 +114,7 @@ def _over_plane(A: Core, B: Core) -> ContactPoints:
     changes as fast as its material approaches.
     """
     n, height = B.normals[0], B.heights[0]
-    points = A.vertices if A.half_axes is None else _lowest_points(A, n)
+    points = A.vertices if A.half_axes is None else lowest_points(A, n)
     gaps = points.dot(n) - height
     if A.half_axes is None:
         chosen = _lowest_corners(points, gaps, A.size)
@@ -122,7 +122,7 @@ def _over_plane(A: Core, B: Core) -> ContactPoints:
     return ContactPoints(gaps, points, np.repeat(n[None], len(points), axis=0))
 
 
-def _lowest_points(A: Core, n: Array) -> Array:
+def lowest_points(A: Core, n: Array) -> Array:
     """Lowest point of an ellipsoid along n, or of both rims of a cylinder and four of one."""
     assert A.half_axes is not None
     centre, along = A.vertices[0], n.dot(A.half_axes)  # (3,), heights of the ends of half axes

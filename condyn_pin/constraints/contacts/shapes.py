@@ -141,6 +141,11 @@ def plane_core() -> Core:
     return Core(np.zeros((1, 3)), _NO_EDGES, up, np.zeros(1), (), 0.0, no, 0.0, np.inf)
 
 
+def ground_core() -> Core:
+    """Core of a ground, which is anywhere: its surface has what bodies meet."""
+    return plane_core()._replace(normals=np.zeros((0, 3)), heights=np.zeros(0))
+
+
 def corners_core(vertices: Array) -> Core:
     """Core of a solid of which its corners are enough: what meets planes alone."""
     return _core(vertices, _NO_EDGES, np.zeros((0, 3)), np.zeros(0), (), 0.0)

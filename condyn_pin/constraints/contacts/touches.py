@@ -14,7 +14,9 @@ import numpy as np
 from condyn_pin._core._pin import placements_view
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint import Patch
+from condyn_pin.constraints.contacts.ground import Surface
 from condyn_pin.constraints.contacts.meetings import most_meetings
+from condyn_pin.constraints.contacts.on_ground import places_of
 from condyn_pin.constraints.contacts.shapes import Core
 from condyn_pin.constraints.rows.cables import Line
 
@@ -44,10 +46,13 @@ class Pair(NamedTuple):
     ground_shape: Core
     friction: float
     restitution: float
+    surface: Surface | None = None  # of the ground of the world, if that is the other shape
 
     @property
     def points(self) -> int:
         """Number of places."""
+        if self.surface is not None:
+            return places_of(self.shape)
         return most_meetings(self.shape, self.ground_shape)
 
     @property
