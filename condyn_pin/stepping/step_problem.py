@@ -200,7 +200,8 @@ class EndsOfPaths:
         # its path bends into the ground from there.
         dt, near = self._dt, posed.near
         bent = max(map(abs, near.bends.tolist()), default=0.0)
-        if posed.path is None and bent < MISSED and are_slower(v1, STRAIGHT / dt):
+        is_straight = posed.path is None and bent < MISSED and are_slower(v1, STRAIGHT / dt)
+        if is_straight and not self._may_meet(posed):
             return None
         q1 = self._floating.integrate(posed.at, dt * v1)
         self._run.forwardKinematics(self._system.model, self._data, q1)
@@ -221,6 +222,11 @@ class EndsOfPaths:
                 lifted[slice(None) if posed.kept is None else ~posed.kept.gaps[its]] = 0.0
             off[its] = np.maximum(off[its], np.maximum(early, lifted))
         return off if off.max(initial=0.0) > MISSED else None
+
+    def _may_meet(self, posed: StepProblem) -> bool:
+        """True if shapes are near a ground, where other edges may be what they meet."""
+        near = self._contacts.on_ground
+        return bool(near.any() and posed.gaps[: len(near)][near].min() < STRAIGHT)
 
     def alone(self, posed: StepProblem) -> tuple[Array, Array]:
         """Group of each gap and of each velocity, coupled ones in one group."""

@@ -60,6 +60,8 @@ class Candidates:
         How many of the cones, the first ones, are on planes.
     several : tuple of slice
         The cones of each pair of shapes that meet in more points than one.
+    on_ground : (cones,) bool array
+        Which cones are between a shape and a `Ground`.
     friction, restitution : (cones,) array
         Coefficients [1].
     limits : (intervals,) array
@@ -94,6 +96,7 @@ class Candidates:
         self.names = (*of_cones, *others)
         self.row_names = (*(f"{name}.{axis}" for name in of_cones for axis in _AXES), *others)
         self.several = tuple(_cones_of_patches(pairs, len(touches)))
+        self.on_ground = np.array([isinstance(e, Pair) and e.surface is not None for e in cones], bool)
         self.friction = read_only(np.array([each.friction for each in cones]))
         self.restitution = read_only(np.array([each.restitution for each in cones]))
         self.limits = read_only(np.array([each.limit for each in dry]))

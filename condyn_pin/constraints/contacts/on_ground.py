@@ -130,7 +130,7 @@ class Found(NamedTuple):
     """Contacts, in no order.
 
     `of` is the shape of each, `kinds` the features of the shape and the ground, `along` their
-    directions where they are edges, `element` the face, edge or corner of the ground.
+    directions where they are edges.
     """
 
     of: Indices  # (k,)
@@ -355,8 +355,7 @@ def _above_faces(
         corner, face = np.nonzero((H <= lowest + _NEXT * bone.size) & (H <= reach + bone.radius))
         at.append(its.start + face)
         points.append(P[corner] if bone.core.half_axes is None else P[corner, face])
-    keys = shapes * len(surface.normals) + faces  # rising
-    separation = _Separation(surface, keys, depths, shapes, faces)
+    separation = _Separation(surface, shapes, faces, depths)
     if not at:
         return _found(*_none(), kind=(CORNER, FACE)), separation
     pair, x = np.concatenate(at), np.concatenate(points)
@@ -368,10 +367,9 @@ def _above_faces(
     of, n = shapes[pair], surface.normals[f]
     radius = np.array([bone.radius for bone in rooms.bones])[of]
     gaps = (n * x).sum(axis=1) - surface.heights[f] - radius
-    kept = -gaps <= separation.most(pair)
-    found = _found(
-        of, gaps, x - radius[:, None] * n, n, surface.part_of[0][f], (CORNER, FACE)
-    )
+    part, beside = surface.part_of[0][f], np.column_stack([f, surface.neighbours[f]])
+    kept = -gaps <= separation.most(of, part, beside)
+    found = _found(of, gaps, x - radius[:, None] * n, n, part, (CORNER, FACE))
     return found.taken(kept), separation
 
 
@@ -381,49 +379,40 @@ def _none() -> tuple[Indices, Array, Array, Array, Indices]:
 
 
 class _Separation:
-    """How deep a contact may be: twice the way out of the ground beside it."""
+    """How deep a contact may be: twice the way out of the ground beside it.
 
-    def __init__(
-        self, surface: Surface, keys: Indices, above: Array, shapes: Indices, faces: Indices
-    ) -> None:
-        self._surface, self._keys, self._above = surface, keys, above
-        self._shapes, self._faces = shapes, faces
-        parts = surface.part_of[0][faces]
-        self._convex = np.array([solid is not None for solid in surface.solids])
-        group = shapes * len(surface.solids) + parts
-        self._groups, inverse = np.unique(group, return_inverse=True)
+    Beside a face of a convex part are all its faces, else those over its convex edges.
+    """
+
+    def __init__(self, surface: Surface, shapes: Indices, faces: Indices, above: Array) -> None:
+        self._surface, self._above = surface, above
+        self._keys = shapes * len(surface.normals) + faces  # rising
+        group = self._group(shapes, surface.part_of[0][faces])
+        self._groups, of = np.unique(group, return_inverse=True)
         self._best = np.full(len(self._groups), -np.inf)
-        np.maximum.at(self._best, inverse.ravel(), above)
-        self._group = inverse.ravel()
+        np.maximum.at(self._best, of.ravel(), above)
+        self._is_convex = np.array([solid is not None for solid in surface.solids])
 
-    def of(self, shapes: Indices, faces: Indices) -> Array:
-        """How high shapes are above the planes of faces; -inf where they are not near."""
-        if not len(self._keys):
-            return np.full(len(shapes), -np.inf)
-        wanted = shapes * len(self._surface.normals) + faces
-        place = np.minimum(np.searchsorted(self._keys, wanted), len(self._keys) - 1)
-        known = self._keys[place] == wanted
-        return np.where(known & (faces >= 0), self._above[place], -np.inf)
+    def _group(self, shapes: Indices, parts: Indices) -> Indices:
+        return np.asarray(shapes * len(self._surface.solids) + parts)
 
-    def most(self, pair: Indices) -> Array:
-        """Largest depth of contacts on the faces of some pairs."""
-        shapes, faces = self._shapes[pair], self._faces[pair]
-        beside = self._surface.neighbours[faces]
-        best = np.maximum(
-            self._above[pair],
-            self.of(np.repeat(shapes, 4), beside.ravel()).reshape(-1, 4).max(axis=1, initial=-np.inf),
-        )
-        is_convex = self._convex[self._surface.part_of[0][faces]]
-        best = np.where(is_convex, self._best[self._group[pair]], best)
-        most = 2.0 * np.maximum(-best, 0.0) + _DEEPER
+    def most(self, shapes: Indices, parts: Indices, beside: Indices) -> Array:
+        """Largest depth of contacts of shapes (k,) with parts, faces `beside` (k, n) them."""
+        wanted = shapes[:, None] * len(self._surface.normals) + beside
+        local = np.where(beside >= 0, _at(self._keys, self._above, wanted), -np.inf)
+        of_part = _at(self._groups, self._best, self._group(shapes, parts))
+        is_convex = self._is_convex[parts]
+        best = np.where(is_convex, of_part, local.max(axis=1))
+        most = 2.0 * np.maximum(np.where(np.isfinite(best), -best, 0.0), 0.0) + _DEEPER
         return np.where(is_convex, most, np.minimum(most, _DEEPEST))
 
-    def most_at(self, shapes: Indices, edges: Indices) -> Array:
-        """Largest depth of contacts at edges."""
-        both = self._surface.faces_of_edges[edges]
-        best = np.maximum(self.of(shapes, both[:, 0]), self.of(shapes, both[:, 1]))
-        best = np.where(np.isfinite(best), best, 0.0)
-        return 2.0 * np.maximum(-best, 0.0) + _DEEPER
+
+def _at(keys: Indices, values: Array, wanted: Indices) -> Array:
+    """Values of rising keys; -inf for those that are not among them."""
+    if not len(keys):
+        return np.full(wanted.shape, -np.inf)
+    place = np.minimum(np.searchsorted(keys, wanted), len(keys) - 1)
+    return np.where(keys[place] == wanted, values[place], -np.inf)
 
 
 def _allowed_at_edges(n: Array, into: Array) -> NDArray[np.bool_]:
@@ -493,11 +482,11 @@ def _across_edges(
         x, y = a + s[:, None] * along_a, b + t[:, None] * along_b
         gaps = (n * (x - y)).sum(axis=1)
         kept = _allowed_at_edges(n, surface.into[e]) & (gaps - side_of[of] <= reach)
-        kept &= -gaps <= np.where(side_of[of] > 0.0, np.inf, separation.most_at(of, e))
-        r = side_of[of][:, None]
+        r, part = side_of[of][:, None], surface.part_of[1][e]
+        kept &= r[:, 0] - gaps <= separation.most(of, part, surface.faces_of_edges[e])
         found.append(
             _found(
-                of, gaps - r[:, 0], x - r * n, n, surface.part_of[1][e], (EDGE, EDGE),
+                of, gaps - r[:, 0], x - r * n, n, part, (EDGE, EDGE),
                 lengths_of(along_a)[1], lengths_of(along_b)[1],
             ).taken(kept)  # fmt: skip
         )
@@ -515,7 +504,10 @@ def _across_edges(
                 None, d,
             ).taken(kept)  # fmt: skip
         )
-    found += [_on_rims(rooms, surface, *each, reach) for each in rims]
+    for each in rims:
+        its, on = _on_rims(rooms, surface, *each, reach)
+        most = separation.most(its.of, its.part, surface.faces_of_edges[on])
+        found.append(its.taken(-its.gaps <= most))
     return found
 
 
@@ -561,8 +553,8 @@ def _crossing(
 def _on_rims(
     rooms: _Rooms, surface: Surface, s: int, e: Indices, b: Array, length: Array, d: Array,
     reach: float,
-) -> Found:  # fmt: skip
-    """Rims of a cylinder on edges of the ground.
+) -> tuple[Found, Indices]:  # fmt: skip
+    """Rims of a cylinder on edges of the ground, and which edges these are.
 
     f = |P (c + R u - b)|^2 / 2 with u = cos(a) x + sin(a) y and P across the edge; f' = 0 is a
     polynomial of degree four in z = exp(i a).
@@ -597,11 +589,12 @@ def _on_rims(
                 gap = float(n[0].dot(a - b[k] - t * d[k]))
                 lowest = n[0].dot(u) <= _BESIDE and sign * n[0].dot(up) <= _BESIDE
                 if lowest and abs(gap) <= reach and _allowed_at_edges(n, surface.into[e[k]][None])[0]:
-                    parts.append((gap, a, n[0], surface.part_of[1][e[k]], d[k]))
+                    parts.append((gap, a, n[0], int(e[k]), d[k]))
     if not parts:
-        return _found(*_none(), kind=(EDGE, EDGE))
-    gaps, points, n, part, along = (np.array(each) for each in zip(*parts, strict=True))
-    return _found(np.full(len(gaps), s), gaps, points, n, part, (EDGE, EDGE), None, along)
+        return _found(*_none(), kind=(EDGE, EDGE)), np.zeros(0, dtype=np.int_)
+    gaps, points, n, on, along = (np.array(each) for each in zip(*parts, strict=True))
+    of, part = np.full(len(gaps), s), surface.part_of[1][on]
+    return _found(of, gaps, points, n, part, (EDGE, EDGE), None, along), on
 
 
 def _at_corners(
