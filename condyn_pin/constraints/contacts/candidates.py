@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from copy import copy
 from functools import cached_property
+from itertools import accumulate
 from typing import Any, Final
 
 import numpy as np
@@ -21,7 +22,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices, read_only
 from condyn_pin._core.models import z_along
-from condyn_pin.constraints.constraint import plane
+from condyn_pin._core.joints import frames_along, z_along
 from condyn_pin.constraints.contacts.meetings import ContactPoints, meetings
 from condyn_pin.constraints.contacts.on_ground import Found, OnGround
 from condyn_pin.constraints.contacts.seams import Piece
@@ -266,7 +267,8 @@ class Pairs:
         self._on_grounds = on_grounds(pairs, exact=exact)
         self._between = [i for i, pair in enumerate(pairs) if pair.surface is None]
         self._counts = [pair.points for pair in pairs]
-        self.size = sum(self._counts)
+        self._starts = [0, *accumulate(self._counts)]
+        self.size = self._starts[-1]
         self._distances = [Distance(pair) for pair in pairs] if exact else []
         self._pieces = [()] * len(pairs) if exact else [*pieces_of(pairs)]
         rows = [
@@ -319,19 +321,18 @@ class Pairs:
             middles = now.dot(self._middles).T.reshape(-1, 2, 3)
             apart, normals = lengths_of(middles[:, 0] - middles[:, 1])
             self._far = apart > 2.0 * self._reaches
-            found = {
-                i: self._far_away(i, data, middles[i, 0], normals[i], apart[i] - self._reaches[i])
-                if self._far[i]
-                else self._closely(i, data)
-                for i in self._between
-            }
+            gaps = np.full(self.size, np.inf)
+            points, n = np.zeros((self.size, 3)), np.tile((0.0, 0.0, 1.0), (self.size, 1))
+            for i in self._between:
+                far = middles[i, 0], normals[i], apart[i] - self._reaches[i]
+                its = self._far_away(i, data, *far) if self._far[i] else self._closely(i, data)
+                first, last, filled = self._starts[i], self._starts[i + 1], its.filled(self._counts[i])
+                gaps[first:last], points[first:last], n[first:last] = filled
             for shapes in self._on_grounds:
-                found |= shapes.evaluate(data)
-            filled = (_filled(found[i], count) for i, count in enumerate(self._counts))
-            gaps, points, normals = (np.concatenate(parts) for parts in zip(*filled, strict=True))
-            distinct, of = np.unique(normals, axis=0, return_inverse=True)
-            axes = np.array([plane(n, 0.0).rotation for n in distinct])
-            self._found = gaps, points, axes[of.ravel()]
+                for i, its in shapes.evaluate(data):
+                    here = slice(self._starts[i], self._starts[i] + len(its.gaps))
+                    gaps[here], points[here], n[here] = its.gaps, its.points, its.normals
+            self._found = gaps, points, frames_along(n)
             self._at[:] = now
         return self._found
 
@@ -368,8 +369,8 @@ class ShapesOnGround:
 
     Attributes
     ----------
-    found : dict of int to Found
-        Features of the last evaluation, by the number of the pair.
+    found : list of Found
+        Contacts of the last evaluation.
     """
 
     def __init__(self, pairs: Sequence[Pair], its: Sequence[int], *, exact: bool) -> None:
@@ -379,17 +380,16 @@ class ShapesOnGround:
         self._joints = [pair.joint for pair in mine]
         self._R = np.array([pair.placement.rotation for pair in mine])
         self._p = np.array([pair.placement.translation for pair in mine])
-        self.found: dict[int, Found] = {}
+        self.found: list[Found] = []
 
-    def evaluate(self, data: Any) -> dict[int, ContactPoints]:
-        """Contact points of each pair, by its number; reads data.oMi."""
+    def evaluate(self, data: Any) -> Iterator[tuple[int, Found]]:
+        """Contacts of each pair that has some, with its number; reads data.oMi."""
         at = {j: data.oMi[j] for j in {*self._joints}}
         R = np.array([at[j].rotation for j in self._joints])
         p = np.array([at[j].translation for j in self._joints])
         placed = R @ self._R, np.matmul(R, self._p[:, :, None])[:, :, 0] + p
-        found = (self._contacts.far if self._exact else self._contacts.near)(*placed)
-        self.found = {i: its for i, (_, its) in zip(self._its, found, strict=True)}
-        return {i: points for i, (points, _) in zip(self._its, found, strict=True)}
+        self.found = (self._contacts.far if self._exact else self._contacts.near)(*placed)
+        return zip(self._its, self.found, strict=True)
 
 
 def on_grounds(pairs: Sequence[Pair], *, exact: bool) -> list[ShapesOnGround]:
@@ -458,11 +458,3 @@ def pieces_of(pairs: Sequence[Pair]) -> Iterator[tuple[Piece, ...]]:
         sides = zip(next(order[bodies]), zip(*groups[bodies], strict=True), strict=True)
         pieces = tuple(Piece(core, cores) for core, cores in sides)
         yield pieces if any(piece.has_seams for piece in pieces) else ()
-
-
-def _filled(found: ContactPoints, points: int) -> ContactPoints:
-    """Contact points, padded to a number of points with infinite gaps."""
-    count = len(found.gaps)
-    filled = found.taken(np.minimum(np.arange(points), count - 1))
-    filled.gaps[count:] = np.inf
-    return filled

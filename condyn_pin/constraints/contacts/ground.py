@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields
 from functools import cached_property
+from itertools import product
 from os import PathLike
 from typing import Any, Final
 
@@ -25,12 +26,16 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite, finite_rows, text_of
 from condyn_pin.constraints.constraint import Vector3, check_positive, floats
+from condyn_pin.constraints.contacts.seams import WIDTH, is_hidden
 from condyn_pin.constraints.contacts.shapes import Indices, Plane, box_core, lengths_of
 from condyn_pin.errors import InvalidArgument
 
 # How far a face goes on behind a hollow edge, into the solid: a corner that is in a wall by less
 # still stands on the floor [m].
 HOLLOW: Final = 2.5e-4
+
+# Shares of one normal of an edge and the other, between which an edge in a seam is covered.
+_BETWEEN: Final = (0.1, 0.5, 0.9)
 
 # Elements are looked for in blocks of this many.
 _BLOCK: Final = 64
@@ -316,7 +321,9 @@ class Surface:
         self.corners, self.leaving = corners
         self.boxes, self.part_of, self.solids, self.is_closed = boxes, part_of, solids, is_closed
         self._search = [Blocks(each) for each in boxes]
-        self._beside: dict[int, list[int]] = {}
+        # 1 for what is in a seam, where faces go on; -1 where nobody has looked
+        self._in_seam = [np.full(len(each), -1, dtype=np.int8) for each in boxes]
+        self._beside: dict[int, Indices] = {}
 
     @property
     def parts(self) -> tuple[Array, ...]:
@@ -327,8 +334,34 @@ class Surface:
         )  # fmt: skip
 
     def near(self, low: Array, high: Array) -> list[Indices]:
-        """Numbers of the faces, edges and corners that reach into a box."""
-        return [search.near(low, high) for search in self._search]
+        """Numbers of the faces, edges and corners that reach into a box, but those in seams."""
+        found = [search.near(low, high) for search in self._search]
+        if len(self.solids) == 1:
+            return found
+        for kind, numbers in enumerate(found):
+            flags = self._in_seam[kind]
+            for i in numbers[flags[numbers] < 0].tolist():
+                flags[i] = self._is_covered(kind, i)
+            found[kind] = numbers[flags[numbers] == 0]
+        return found
+
+    def _is_covered(self, kind: int, i: int) -> bool:
+        """True if one part covers all of a face, edge or corner of another, whatever the normal."""
+        part, box = self.part_of[kind][i], self.boxes[kind][i]
+        places, normals = [*np.array([*product(*box.T)]), box.mean(axis=0)], self.normals[i : i + 1]
+        if kind == 1:
+            one, two = self.normals[self.faces_of_edges[i]]
+            places = [*self.edges[i], box.mean(axis=0)]
+            normals = np.array([(1.0 - share) * one + share * two for share in _BETWEEN])
+        elif kind == 2:
+            normals = -self.leaving[i].sum(axis=0, keepdims=True)
+        n = lengths_of(normals)[1]
+        x, n = np.repeat(places, len(n), axis=0), np.tile(n, (len(places), 1))
+        return np.isfinite(x).all() and any(
+            is_hidden(x, n, WIDTH, self.solids[part], solid).all()
+            for other in self.beside(part, WIDTH).tolist()
+            if (solid := self.solids[other]) is not None
+        )
 
     @cached_property
     def bounds(self) -> tuple[Array, Array]:
@@ -339,15 +372,16 @@ class Surface:
         np.maximum.at(high, self.part_of[0], self.boxes[0][:, 1])
         return low, high
 
-    def beside(self, part: int, width: float) -> list[int]:
+    def beside(self, part: int, width: float) -> Indices:
         """Convex parts that a part touches within a width [m]."""
         if part not in self._beside:
             low, high = self.bounds
             touch = (low <= high[part] + 2 * width) & (low[part] <= high + 2 * width)
-            self._beside[part] = [
+            its = [
                 i for i in np.flatnonzero(touch.all(axis=1)).tolist()
                 if i != part and self.solids[i] is not None
             ]  # fmt: skip
+            self._beside[part] = np.array(its, dtype=np.int_)
         return self._beside[part]
 
 

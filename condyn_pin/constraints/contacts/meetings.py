@@ -63,6 +63,13 @@ class ContactPoints(NamedTuple):
         """Some of the contact points."""
         return ContactPoints(*(part[chosen] for part in self))
 
+    def filled(self, count: int) -> ContactPoints:
+        """Contact points, padded to a number of them with infinite gaps."""
+        known = len(self.gaps)
+        padded = self.taken(np.minimum(np.arange(count), known - 1))
+        padded.gaps[known:] = np.inf
+        return padded
+
     def least(self, count: int) -> ContactPoints:
         """Nearest few contact points, the nearest one first."""
         # without the digits that rounding makes [m]

@@ -27,12 +27,12 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.ground import Surface
-from condyn_pin.constraints.contacts.meetings import ContactPoints, lowest_points
+from condyn_pin.constraints.contacts.meetings import lowest_points
 from condyn_pin.constraints.contacts.seams import WIDTH, is_hidden
 from condyn_pin.constraints.contacts.shapes import Core, Indices, lengths_of, unit_cross
 
-# Steps look for the ground this far around each shape: at 50 m/s it is a step of 1 ms [m].
-REACH: Final = 0.05
+# Steps look for the ground this far around each shape: at 20 m/s it is a step of 1 ms [m].
+REACH: Final = 0.02
 
 # What is near is looked for again when a shape has moved by this [m].
 _SLACK: Final = 0.05
@@ -77,6 +77,7 @@ class Skeleton(NamedTuple):
     core: Core
     points: Array
     radius: float
+    width: float  # radius of what is round its edges: of a cylinder, its own [m]
     ends: Indices
     along: Array
     beside: Indices
@@ -99,12 +100,12 @@ def skeleton_of(core: Core) -> Skeleton:
     """Skeleton of a shape: of a solid, the hull of its corners."""
     V, none = core.vertices, np.zeros((0, 2), dtype=np.int_)
     ends, beside, normals, heights = none, none, np.zeros((0, 3)), np.zeros(0)
-    low, high = V.min(axis=0) - core.radius, V.max(axis=0) + core.radius
+    low, high, width = V.min(axis=0) - core.radius, V.max(axis=0) + core.radius, core.radius
     if core.half_axes is not None:  # a cylinder: its axis
         _, _, axis = core.half_axes.T
         V, ends = V[0] + np.array([axis, -axis]), np.array([[0, 1]])
         reach = np.sqrt((core.half_axes[:, :2] ** 2).sum(axis=1)) + np.abs(axis)
-        low, high = -reach, reach
+        low, high, width = -reach, reach, float(lengths_of(core.half_axes.T)[0][0])
     elif len(V) == 2:
         ends = np.array([[0, 1]])
     elif len(V) > 2:
@@ -121,7 +122,7 @@ def skeleton_of(core: Core) -> Skeleton:
     along = lengths_of(V[ends[:, 1]] - V[ends[:, 0]])[1]
     size = float((high - low).max())
     return Skeleton(
-        core, V, core.radius, ends, along, beside, normals, heights, (low + high) / 2.0,
+        core, V, core.radius, width, ends, along, beside, normals, heights, (low + high) / 2.0,
         (high - low) / 2.0, size, places_of(core),
     )  # fmt: skip
 
@@ -141,9 +142,9 @@ class Found(NamedTuple):
     kinds: Indices  # (k, 2)
     along: Array  # (k, 2, 3)
 
-    def taken(self, chosen: Indices | NDArray[np.bool_]) -> Found:
+    def taken(self, chosen: Indices | NDArray[np.bool_] | slice) -> Found:
         """Some of the contacts."""
-        return Found(*(each[chosen] for each in self))
+        return Found(*[each[chosen] for each in self])
 
 
 def _found(
@@ -168,17 +169,19 @@ class OnGround:
         self._middles = np.array([bone.middle for bone in self._bones])
         self._halves = np.array([bone.half for bone in self._bones])
         self._radii = np.array([bone.radius for bone in self._bones])
+        self._widths = np.array([bone.width for bone in self._bones])
+        self._sizes = np.array([bone.size for bone in self._bones])
         self._low, self._high = np.full((count, 3), np.nan), np.full((count, 3), np.nan)
         self._known: list[list[Indices]] = [[np.zeros(0, dtype=np.int_)] * 3] * count
         self._reach = np.nan
         self._pairs: list[tuple[Indices, Indices]] = []
 
-    def far(self, R: Array, p: Array) -> list[tuple[ContactPoints, Found]]:
+    def far(self, R: Array, p: Array) -> list[Found]:
         """Contacts as `near` has them, from as far away as the nearest is."""
         reach, size = REACH, self._size(p)
         while True:
             found = self.near(R, p, reach)
-            if reach > size or all((points.gaps <= reach).any() for points, _ in found):
+            if reach > size or all(len(its.of) for its in found):
                 return found
             reach *= 4.0
 
@@ -188,7 +191,7 @@ class OnGround:
         finite = np.abs(np.concatenate([low.ravel(), high.ravel(), p.ravel()]))
         return 4.0 * float(finite[np.isfinite(finite)].max(initial=1.0)) + 1.0
 
-    def near(self, R: Array, p: Array, reach: float = REACH) -> list[tuple[ContactPoints, Found]]:
+    def near(self, R: Array, p: Array, reach: float = REACH) -> list[Found]:
         """Contact points of each shape, at rotations R (s, 3, 3) and places p (s, 3) [m]."""
         middles = np.matmul(R, self._middles[:, :, None])[:, :, 0] + p
         halves = np.matmul(np.abs(R), self._halves[:, :, None])[:, :, 0] + reach
@@ -196,18 +199,21 @@ class OnGround:
         self._look(low, high, reach)
         faces, edges, corners = self._reaching(low, high)
         faces = self._beside_planes(faces, middles, halves)
-        rooms = _Rooms(self._bones, R, p, [s for s, _ in (faces, edges, corners)])
+        rooms = _Rooms(self._bones, R, p, self._radii, self._widths)
+        rooms.place(*(shapes for shapes, _ in (faces, edges, corners)))
         above, lowest = _above_faces(rooms, self._surface, *faces, reach)
         parts = [above]
         if len(edges[0]):
             parts += _across_edges(rooms, self._surface, *edges, lowest, reach)
         if len(corners[0]):
             parts += _at_corners(rooms, self._surface, *corners, reach)
-        found = Found(*(np.concatenate(each) for each in zip(*parts, strict=True)))
-        found = found.taken(np.argsort(found.of, kind="stable"))
+        found = above
+        if len(parts) > 1:
+            found = Found(*map(np.concatenate, zip(*parts, strict=True)))
+            found = found.taken(np.argsort(found.of, kind="stable"))
         if len(found.of):
             found = self._without_seams(found)
-        return self._chosen(found, reach)
+        return self._chosen(found)
 
     def _look(self, low: Array, high: Array, reach: float) -> None:
         """Keep what is near each shape, with some room to move."""
@@ -251,58 +257,50 @@ class OnGround:
         if len(surface.solids) == 1:
             return found
         on_ground = found.points - found.gaps[:, None] * found.normals
-        for part in np.unique(found.part).tolist():
+        lows, highs = surface.bounds
+        for part in {*found.part.tolist()}:
+            beside = surface.beside(part, WIDTH)
             its = np.flatnonzero(found.part == part)
             x, n = on_ground[its], found.normals[its]
             low, high = x.min(axis=0) - 2 * WIDTH, x.max(axis=0) + 2 * WIDTH
-            lows, highs = surface.bounds
-            for other in surface.beside(part, WIDTH):
-                if (lows[other] <= high).all() and (highs[other] >= low).all():
-                    other_solid = surface.solids[other]
-                    assert other_solid is not None
-                    hidden[its] |= is_hidden(x, n, WIDTH, surface.solids[part], other_solid)
+            touch = (lows[beside] <= high).all(axis=1) & (highs[beside] >= low).all(axis=1)
+            for other in beside[touch].tolist():
+                solid = surface.solids[other]
+                assert solid is not None
+                hidden[its] |= is_hidden(x, n, WIDTH, surface.solids[part], solid)
         return found.taken(~hidden) if hidden.any() else found
 
-    def _chosen(self, found: Found, reach: float) -> list[tuple[ContactPoints, Found]]:
-        """Contact points of each shape, no more than it has places."""
-        ends = np.searchsorted(found.of, np.arange(len(self._bones) + 1))
-        nothing = found.taken(np.zeros(0, dtype=np.int_))
+    def _chosen(self, found: Found) -> list[Found]:
+        """Contacts of each shape, each once, no more than it has places."""
+        ends = np.searchsorted(found.of, np.arange(len(self._bones) + 1)).tolist()
+        places = np.concatenate([found.points, self._sizes[found.of][:, None] * found.normals], 1)
         chosen = []
-        for i, bone in enumerate(self._bones):
-            if ends[i] == ends[i + 1]:
-                chosen.append((_NOWHERE, nothing))
-                continue
-            its = found.taken(np.arange(ends[i], ends[i + 1]))
-            its = its.taken(_fewer(its, bone.places, bone.size))
-            chosen.append((ContactPoints(its.gaps, its.points, its.normals), its))
+        for (first, last), bone in zip(pairwise(ends), self._bones, strict=True):
+            its: Indices | slice = slice(first, last)
+            if last - first > 1:
+                its = first + _fewer(found.gaps[its], places[its], bone.places, bone.size)
+            chosen.append(found.taken(its))
         return chosen
 
 
-# A shape with nothing in reach.
-_NOWHERE: Final = ContactPoints(
-    np.array([np.inf]), np.zeros((1, 3)), np.array([[0.0, 0.0, 1.0]])
-)
-
-
-def _fewer(found: Found, most: int, size: float) -> Indices:
-    """Indices of the nearest contacts that are far apart or look elsewhere, in their order."""
-    gaps = np.round(found.gaps, 12)
-    order = gaps.argsort(kind="stable")
-    if len(order) == 1:
-        return order
-    places = np.concatenate([found.points, size * found.normals], axis=1)[order]
-    again = np.abs(places[:, None] - places).max(axis=2) <= tolerances.ONE_POINT * size
-    order = order[~np.tril(again, -1).any(axis=1)]
-    if len(order) <= most:
-        return np.sort(order)
-    places = np.concatenate([found.points, size * found.normals], axis=1)[order]
-    costs = _STEEP * np.maximum(gaps[order] - max(gaps[order[0]], 0.0), 0.0)
-    kept, apart = [0], np.full(len(order), np.inf)
+def _fewer(gaps: Array, places: Array, most: int, size: float) -> Indices:
+    """Indices, each once, of the nearest contact and of those far apart or that look elsewhere."""
+    places = places - places[0]
+    squares = np.einsum("ij,ij->i", places, places)
+    apart = squares[:, None] + squares - 2.0 * places.dot(places.T)
+    apart = np.round(np.sqrt(np.maximum(apart, 0.0)), 7)
+    again = np.tril(apart <= tolerances.ONE_POINT * size, -1).any(axis=1)
+    if len(gaps) - again.sum() <= most:
+        return np.flatnonzero(~again)
+    gaps = np.round(gaps, 12)
+    first = int(gaps.argmin())
+    costs = _STEEP * np.maximum(gaps - max(gaps[first], 0.0), 0.0)
+    costs[again], costs[first] = np.inf, np.inf
+    kept, nearest = [first], apart[first]
     while len(kept) < most:
-        apart = np.minimum(apart, np.sqrt(((places - places[kept[-1]]) ** 2).sum(axis=1)))
-        apart[kept[-1]] = -np.inf
-        kept.append(int(np.round(apart - costs, 12).argmax()))
-    return np.sort(order[kept])
+        kept.append(int((nearest - costs).argmax()))
+        nearest, costs[kept[-1]] = np.minimum(nearest, apart[kept[-1]]), np.inf
+    return np.sort(kept)
 
 
 # How much further apart contacts have to be that are higher, as a factor.
@@ -310,18 +308,18 @@ _STEEP: Final = 50.0
 
 
 class _Rooms:
-    """Skeletons of the shapes that are near the ground, in the world."""
+    """Skeletons of shapes, and in the world the points of those that are near the ground."""
 
     def __init__(
-        self, bones: Sequence[Skeleton], R: Array, p: Array, which: Sequence[Indices]
+        self, bones: Sequence[Skeleton], R: Array, p: Array, radii: Array, widths: Array
     ) -> None:
-        self.bones, self.R, self.p = bones, R, p
-        flags = np.zeros(len(bones), dtype=bool)
-        for shapes in which:
-            flags[shapes] = True
-        self.points = {
-            i: bones[i].points.dot(R[i].T) + p[i] for i in np.flatnonzero(flags).tolist()
-        }
+        self.bones, self.R, self.p, self.radii, self.widths = bones, R, p, radii, widths
+        self.points: dict[int, Array] = {}
+
+    def place(self, *shapes: Indices) -> None:
+        """Place the points of some shapes."""
+        for i in {*np.concatenate(shapes).tolist()}:
+            self.points[i] = self.bones[i].points.dot(self.R[i].T) + self.p[i]
 
 
 def _slices(shapes: Indices) -> list[tuple[int, slice]]:
@@ -365,12 +363,11 @@ def _above_faces(
     over = (beside <= surface.beyond[f] + size).all(axis=1)
     pair, x, f = pair[over], x[over], f[over]
     of, n = shapes[pair], surface.normals[f]
-    radius = np.array([bone.radius for bone in rooms.bones])[of]
+    radius = rooms.radii[of]
     gaps = (n * x).sum(axis=1) - surface.heights[f] - radius
-    part, beside = surface.part_of[0][f], np.column_stack([f, surface.neighbours[f]])
-    kept = -gaps <= separation.most(of, part, beside)
+    part = surface.part_of[0][f]
     found = _found(of, gaps, x - radius[:, None] * n, n, part, (CORNER, FACE))
-    return found.taken(kept), separation
+    return separation.without_deeper(found, np.column_stack([f, surface.neighbours[f]])), separation
 
 
 def _none() -> tuple[Indices, Array, Array, Array, Indices]:
@@ -396,8 +393,13 @@ class _Separation:
     def _group(self, shapes: Indices, parts: Indices) -> Indices:
         return np.asarray(shapes * len(self._surface.solids) + parts)
 
-    def most(self, shapes: Indices, parts: Indices, beside: Indices) -> Array:
-        """Largest depth of contacts of shapes (k,) with parts, faces `beside` (k, n) them."""
+    def without_deeper(self, found: Found, beside: Indices) -> Found:
+        """Contacts (k,) without those that are too deep, with the faces `beside` them (k, n)."""
+        if not (found.gaps < -_DEEPER).any():
+            return found
+        return found.taken(-found.gaps <= self._most(found.of, found.part, beside))
+
+    def _most(self, shapes: Indices, parts: Indices, beside: Indices) -> Array:
         wanted = shapes[:, None] * len(self._surface.normals) + beside
         local = np.where(beside >= 0, _at(self._keys, self._above, wanted), -np.inf)
         of_part = _at(self._groups, self._best, self._group(shapes, parts))
@@ -453,11 +455,6 @@ def _across_edges(
                 a = P[bone.ends[i, 0]]
                 crossing.append((s, e[j], a, P[bone.ends[i, 1]] - a, b[j], end[j] - b[j]))
     found = []
-    radius_of = np.array([bone.radius for bone in rooms.bones])
-    side_of = np.array([
-        bone.radius if bone.core.half_axes is None else np.linalg.norm(bone.core.half_axes[:, 0])
-        for bone in rooms.bones
-    ])  # fmt: skip
     if crossing:
         of = np.concatenate([np.full(len(each[1]), each[0]) for each in crossing])
         e, a, along_a, b, along_b = (
@@ -481,20 +478,18 @@ def _across_edges(
         n = np.where((n * up).sum(axis=1) < 0.0, -1.0, 1.0)[:, None] * n
         x, y = a + s[:, None] * along_a, b + t[:, None] * along_b
         gaps = (n * (x - y)).sum(axis=1)
-        kept = _allowed_at_edges(n, surface.into[e]) & (gaps - side_of[of] <= reach)
-        r, part = side_of[of][:, None], surface.part_of[1][e]
-        kept &= r[:, 0] - gaps <= separation.most(of, part, surface.faces_of_edges[e])
-        found.append(
-            _found(
-                of, gaps - r[:, 0], x - r * n, n, part, (EDGE, EDGE),
-                lengths_of(along_a)[1], lengths_of(along_b)[1],
-            ).taken(kept)  # fmt: skip
-        )
+        r = rooms.widths[of][:, None]
+        kept = _allowed_at_edges(n, surface.into[e]) & (gaps - r[:, 0] <= reach)
+        its = _found(
+            of, gaps - r[:, 0], x - r * n, n, surface.part_of[1][e], (EDGE, EDGE),
+            lengths_of(along_a)[1], lengths_of(along_b)[1],
+        ).taken(kept)  # fmt: skip
+        found.append(separation.without_deeper(its, surface.faces_of_edges[e[kept]]))
     if beside:
         of = np.concatenate([np.full(len(each[1]), each[0]) for each in beside])
         e, x, off, d = (np.concatenate([each[k] for each in beside]) for k in range(1, 5))
         apart, n = lengths_of(off)
-        r = radius_of[of]
+        r = rooms.radii[of]
         kept = (apart > _APART) & (apart - r <= reach) & _allowed_at_edges(n, surface.into[e])
         its = np.flatnonzero(kept)
         kept[its] = [_is_lowest(rooms, of[i], x[i], n[i]) for i in its.tolist()]
@@ -506,8 +501,7 @@ def _across_edges(
         )
     for each in rims:
         its, on = _on_rims(rooms, surface, *each, reach)
-        most = separation.most(its.of, its.part, surface.faces_of_edges[on])
-        found.append(its.taken(-its.gaps <= most))
+        found.append(separation.without_deeper(its, surface.faces_of_edges[on]))
     return found
 
 
