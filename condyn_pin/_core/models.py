@@ -120,6 +120,18 @@ def rotation_fault(R: Array) -> str:
     return "it is left-handed, det R = -1" if np.linalg.det(R) < 0 else ""
 
 
+def frames_along(directions: Array) -> Array:
+    """Rotations of `z_along` for unit vectors (k, 3), as (k, 3, 3)."""
+    x, y, z = directions.T
+    c = 1.0 + z
+    up = c > 0.0
+    c = np.where(up, c, 1.0)
+    xy = -x * y / c
+    down = np.where(up, 1.0, -1.0)  # about x where z turns over
+    rows = (1.0 - x * x / c, xy, x, xy, down * (1.0 - y * y / c), y, -x, -y, z)
+    return np.stack(rows, axis=-1).reshape(-1, 3, 3)
+
+
 def z_along(direction: Array) -> Array:
     """Smallest rotation (3, 3) that turns z to a direction (3,), of any length."""
     turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), direction)

@@ -92,6 +92,10 @@ DRAWN: Final = 1e-6
 # share of the size of a shape: of boxes that stand flush on each other every corner is on an edge.
 ON_FACE: Final = 1e-9
 
+# Sharp corners that are nearer to an edge or a corner than this have no derivative of their normal,
+# which turns by 1 rad in as much [m].
+SHARP: Final = 1e-6
+
 # A corner belongs to a face of a solid if it is off its plane by no more than this share of the
 # size, and edges are parallel whose ends part by no more: files write corners with six digits.
 FLAT: Final = 1e-6

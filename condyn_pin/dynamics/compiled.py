@@ -380,6 +380,8 @@ def why_not_contacts(scene: Scene) -> Iterator[str]:
     pairs = [pair for bound in scene.contact_bounds for pair in bound.pairs]
     if cables := [line.name for bound in scene.contact_bounds for line in bound.lines]:
         yield f"{listed(cables)}: cables"
+    if on_ground := [pair.name for pair in pairs if pair.surface is not None]:
+        yield f"{listed(on_ground)}: shapes on a Ground"
     if wanders := [pair.name for pair in pairs if pair.ground_shape.is_plane]:
         yield f"{listed(wanders)}: contact points over a plane that depend on how a shape is turned"
     at_seams = [pair.name for pair, pieces in zip(pairs, pieces_of(pairs), strict=True) if pieces]

@@ -304,6 +304,8 @@ _SHIFTS = 20
 
 # Steps downwards: of a corner past the edge of a box each leaves a share of the way.
 _DESCENTS = 200
+# Steps down to a ground: on a slope of 60 degrees each halves the distance.
+_DOWNS = 100
 
 # What faces up by more than this, as the sine of its angle to the vertical, is ground; else a wall.
 _FACES_UP = 0.1
@@ -326,8 +328,9 @@ def place_on_ground(scene: Scene, q: ArrayLike) -> Array:
     -------
     q : (nq,) array
         q as given, if the robot has no floating base or no contact has ground below it: planes that
-        face up, and other shapes. A wall moves the robot only where it is in one, and not where
-        that takes it into another.
+        face up, and other shapes. Onto a `Ground` it is lowered along gravity, from above all of
+        it. A wall moves the robot only where it is in one, and not where that takes it into
+        another.
 
     Raises
     ------
@@ -347,6 +350,10 @@ def place_on_ground(scene: Scene, q: ArrayLike) -> Array:
     if not candidates.cones or model.joints[1].shortname() != "JointModelFreeFlyer":
         return placed
     own = _of_the_base(scene)
+    if (own & candidates.on_ground).any() and upward(scene).any():
+        on_ground = _lowered(scene, candidates, own, placed)
+        _check_ties(scene, placed, on_ground)
+        return on_ground
     if upward(scene).any():
         down = _put_down(scene, candidates, own, placed)
     else:
@@ -355,6 +362,33 @@ def place_on_ground(scene: Scene, q: ArrayLike) -> Array:
     on_ground = clear if ends else down
     _check_ties(scene, placed, on_ground)
     return on_ground
+
+
+def _lowered(scene: Scene, candidates: Candidates, own: NDArray[np.bool_], q: Array) -> Array:
+    """Base lowered from above a `Ground` until the first shape touches; q if none is below it.
+
+    A shape that is a distance from everything may go down by as much.
+    """
+    model, up, placed = scene.robot.unedited, upward(scene), q.copy()
+    data = data_of(model)
+    algorithms(data).forwardKinematics(model, data, q)
+    pairs = [each for bound in scene.contact_bounds for each in bound.pairs if each.surface]
+    low = min(
+        float(up.dot((data.oMi[p.joint] * p.placement).translation)) - p.shape.reach for p in pairs
+    )
+    bounds = np.concatenate([each.surface.bounds for each in pairs if each.surface]).reshape(-1, 3)
+    heights = bounds[np.isfinite(bounds).all(axis=1)].dot(up)
+    placed[:3] += max(0.0, float(heights.max(initial=low)) - low) * up
+    floor = float(heights.min(initial=low)) - 1.0
+    for _ in range(_DOWNS):
+        algorithms(data).forwardKinematics(model, data, placed)
+        gap = float(candidates.gaps(data, placed)[: candidates.cones][own].min())
+        if abs(gap) <= tolerances.CLOSED:
+            return placed
+        if not np.isfinite(gap) or low + float(up.dot(placed[:3] - q[:3])) - gap < floor - 1.0:
+            break
+        placed[:3] -= gap * up
+    return placed if abs(gap) <= tolerances.NEARLY_CLOSED else q
 
 
 def _put_down(scene: Scene, candidates: Candidates, own: NDArray[np.bool_], q: Array) -> Array:

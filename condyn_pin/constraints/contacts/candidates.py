@@ -308,6 +308,11 @@ class Pairs:
         self._evaluated(data)
         return self._far
 
+    def features(self, data: Any) -> dict[int, Found]:
+        """Features that meet, of each pair with a ground; by the number of the pair."""
+        self._evaluated(data)
+        return {i: its for shapes in self._on_grounds for i, its in shapes.found.items()}
+
     def jacobian(self, data: Any) -> Array:
         """Return the rows t1, t2, n of each place (3 k, nv); reads data.oMi and data.J."""
         _, points, axes = self._evaluated(data)
@@ -329,7 +334,7 @@ class Pairs:
                 first, last, filled = self._starts[i], self._starts[i + 1], its.filled(self._counts[i])
                 gaps[first:last], points[first:last], n[first:last] = filled
             for shapes in self._on_grounds:
-                for i, its in shapes.evaluate(data):
+                for i, its in shapes.evaluate(data).items():
                     here = slice(self._starts[i], self._starts[i] + len(its.gaps))
                     gaps[here], points[here], n[here] = its.gaps, its.points, its.normals
             self._found = gaps, points, frames_along(n)
@@ -369,8 +374,8 @@ class ShapesOnGround:
 
     Attributes
     ----------
-    found : list of Found
-        Contacts of the last evaluation.
+    found : dict of int to Found
+        Contacts of each pair in the last evaluation, by its number.
     """
 
     def __init__(self, pairs: Sequence[Pair], its: Sequence[int], *, exact: bool) -> None:
@@ -380,16 +385,17 @@ class ShapesOnGround:
         self._joints = [pair.joint for pair in mine]
         self._R = np.array([pair.placement.rotation for pair in mine])
         self._p = np.array([pair.placement.translation for pair in mine])
-        self.found: list[Found] = []
+        self.found: dict[int, Found] = {}
 
-    def evaluate(self, data: Any) -> Iterator[tuple[int, Found]]:
-        """Contacts of each pair that has some, with its number; reads data.oMi."""
+    def evaluate(self, data: Any) -> dict[int, Found]:
+        """Contacts of each pair, by its number; reads data.oMi."""
         at = {j: data.oMi[j] for j in {*self._joints}}
         R = np.array([at[j].rotation for j in self._joints])
         p = np.array([at[j].translation for j in self._joints])
         placed = R @ self._R, np.matmul(R, self._p[:, :, None])[:, :, 0] + p
-        self.found = (self._contacts.far if self._exact else self._contacts.near)(*placed)
-        return zip(self._its, self.found, strict=True)
+        found = (self._contacts.far if self._exact else self._contacts.near)(*placed)
+        self.found = dict(zip(self._its, found, strict=True))
+        return self.found
 
 
 def on_grounds(pairs: Sequence[Pair], *, exact: bool) -> list[ShapesOnGround]:

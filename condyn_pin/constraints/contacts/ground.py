@@ -26,7 +26,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite, finite_rows, text_of
 from condyn_pin.constraints.constraint import Vector3, check_positive, floats
-from condyn_pin.constraints.contacts.seams import WIDTH, is_hidden
+from condyn_pin.constraints.contacts.seams import WIDTH, Solid, is_hidden
 from condyn_pin.constraints.contacts.shapes import Indices, Plane, box_core, lengths_of
 from condyn_pin.errors import InvalidArgument
 
@@ -306,7 +306,7 @@ class Surface:
     part_of : three int arrays
         Which part each face, edge and corner belongs to.
     solids : list
-        Normals and heights of each part that is convex, None for the others.
+        Normals, heights and corners of each part that is convex, None for the others.
     is_closed : bool
         True if no face has a border.
     """
@@ -314,7 +314,7 @@ class Surface:
     def __init__(
         self, faces: tuple[Array, ...], edges: tuple[Array, ...], corners: tuple[Array, ...],
         boxes: tuple[Array, ...], part_of: tuple[Indices, ...],
-        solids: list[tuple[Array, Array] | None], *, is_closed: bool,
+        solids: list[Solid | None], *, is_closed: bool,
     ) -> None:  # fmt: skip
         self.normals, self.heights, self.sides, self.ends, self.beyond, self.neighbours = faces
         self.edges, self.into, self.faces_of_edges = edges
@@ -427,7 +427,7 @@ def _of_plane(plane: Plane) -> Surface:
     return Surface(
         faces, edges, (np.zeros((0, 3)), np.zeros((0, 1, 3))),
         (np.array([[low, high]]), nothing, nothing), _first(1, 0, 0),
-        [(n[None], np.array([plane.height]))], is_closed=True,
+        [(n[None], np.array([plane.height]), np.zeros((0, 3)))], is_closed=True,
     )  # fmt: skip
 
 
@@ -499,7 +499,7 @@ def _surface_of(V: Array, F: Indices) -> Surface:
         (np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1),
          np.stack([edges.min(axis=1), edges.max(axis=1)], axis=1), np.stack([x, x], axis=1)),
         _first(len(F), len(edges), len(x)),
-        [(n[kept], faces[1][kept]) if is_convex and len(planes) else None],
+        [(n[kept], faces[1][kept], V) if is_convex and len(planes) else None],
         is_closed=bool(both.all()),
     )  # fmt: skip
 

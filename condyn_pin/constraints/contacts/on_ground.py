@@ -435,7 +435,8 @@ def _across_edges(
         if bone.core.half_axes is None:
             # the nearest corner, or both ends of a capsule
             away = P[:, None] - b
-            t = np.clip((away * d).sum(axis=2), 0.0, length)
+            share = (away * d).sum(axis=2)
+            t = np.clip(share, 0.0, length)
             off = away - t[:, :, None] * d
             apart = (off**2).sum(axis=2)
             if len(P) > 2:
@@ -444,7 +445,7 @@ def _across_edges(
             else:
                 rows = [(np.full(len(e), i), np.arange(len(e))) for i in range(len(P))]
             for corner, j in rows:
-                inner = (t[corner, j] > 0.0) & (t[corner, j] < length[j])
+                inner = np.abs(share[corner, j] - t[corner, j]) <= _APART
                 corner, j = corner[inner], j[inner]
                 beside.append((s, e[j], P[corner], off[corner, j], d[j]))
         else:
@@ -661,7 +662,7 @@ def _at_cylinder(
     bone: Skeleton, R: Array, p: Array, x: Array, s: int, surface: Surface, c: Indices,
     reach: float,
 ) -> Found:  # fmt: skip
-    """Corners of the ground at the side and the ends of a cylinder."""
+    """Corners of the ground at the side, the ends and the rims of a cylinder."""
     assert bone.core.half_axes is not None
     radius, _, half = lengths_of(bone.core.half_axes.T)[0].tolist()
     up = R.dot(lengths_of(bone.core.half_axes.T)[1][2])
@@ -674,8 +675,13 @@ def _at_cylinder(
     height = np.where(is_side, at_side, at_end)
     m = np.where(is_side[:, None], out, np.sign(along)[:, None] * up)
     inner = np.where(is_side, at_end, at_side) <= 0.0
-    kept = inner & (height <= reach) & (height >= -_DEEPEST) & _leaves(surface, c, -m)
+    # the nearest place is on a rim
+    to_rim = np.maximum(at_side, 0.0)[:, None] * out
+    to_rim += (np.sign(along) * np.maximum(at_end, 0.0))[:, None] * up
+    beside, to_rim = lengths_of(to_rim)
+    height, m = np.where(inner, height, beside), np.where(inner[:, None], m, to_rim)
+    kept = (inner | (beside > _APART)) & (height <= reach) & (height >= -_DEEPEST)
     return _found(
         np.full(len(x), s), height, x - height[:, None] * m, -m, surface.part_of[2][c],
         (FACE, CORNER),
-    ).taken(kept)  # fmt: skip
+    ).taken(kept & _leaves(surface, c, -m))  # fmt: skip

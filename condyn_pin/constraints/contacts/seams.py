@@ -6,7 +6,7 @@ from outside touches no other,
 
     height of x + eps n over another piece  >=  eps,
 
-or if the piece goes on past the surface of the other, as a wall does above its floor: then it is
+or if all of the other is behind the plane n . y = n . x, or if the piece goes on past the surface of the other, as a wall does above its floor: then it is
 there behind x, where x is lifted along the normal m of that surface,
 
     x + (eps - height of x along m) m - eps n / 2    in the piece.
@@ -36,23 +36,26 @@ _ON: Final = 1e-3
 _FACING: Final = -0.5
 _LEVEL: Final = 0.99
 
-Faces = tuple[Array, Array]  # normals (f, 3) and heights (f,) of a convex piece [m]
+Solid = tuple[Array, Array, Array]  # normals (f, 3), heights (f,), corners (k, 3) [m]
 
 
 def is_hidden(
-    x: Array, n: Array, eps: float, own: Faces | None, other: Faces
+    x: Array, n: Array, eps: float, own: Solid | None, other: Solid
 ) -> NDArray[np.bool_]:
     """Flag of each point x (k, 3) of a piece, with outward normals n: covered by another.
 
     Of a piece that is not convex, its own faces are None: it goes on wherever it may.
     """
-    normals, heights = other
+    normals, heights, corners = other
     at = x.dot(normals.T) - heights  # (k, faces)
     cosines = n.dot(normals.T)
     off = at + eps * cosines
     touched = off.max(axis=1) < (1.0 - _ROUNDING) * eps
     if not touched.any():
         return touched
+    if len(corners):
+        behind = n.dot(corners.T).max(axis=1) - (n * x).sum(axis=1)
+        touched &= behind > _ROUNDING * (1.0 + np.abs(x).max(axis=1))
     off[cosines < _FACING] = -np.inf
     face = (np.arange(len(x)), off.argmax(axis=1))
     goes_on = np.ones(len(x), dtype=bool)
@@ -86,10 +89,14 @@ class Piece:
 
     def hides(self, x: Array, n: Array) -> NDArray[np.bool_]:
         """Flag of each point x (k, 3), with outward normals n: covered by a neighbour."""
-        hidden, own = np.zeros(len(x), dtype=bool), (self._core.normals, self._core.heights)
+        hidden, own = np.zeros(len(x), dtype=bool), _solid(self._core)
         for other in self._beside:
-            hidden |= is_hidden(x, n, self._width, own, (other.normals, other.heights))
+            hidden |= is_hidden(x, n, self._width, own, _solid(other))
         return hidden
+
+
+def _solid(core: Core) -> Solid:
+    return core.normals, core.heights, core.vertices
 
 
 def _is_beside(core: Core, other: Core, width: float) -> bool:

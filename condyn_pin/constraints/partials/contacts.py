@@ -28,6 +28,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.models import joints_with_turning_axes, whole_data
 from condyn_pin.constraints.contacts.candidates import Candidates, Pairs
+from condyn_pin.constraints.contacts.on_ground import Found
 from condyn_pin.constraints.contacts.shapes import Core, lengths_of, on_face, segments
 from condyn_pin.constraints.contacts.touches import (
     BoundContact,
@@ -38,6 +39,7 @@ from condyn_pin.constraints.contacts.touches import (
 )
 from condyn_pin.constraints.rows.cables import Lines
 from condyn_pin.constraints.rows.special import skews
+from condyn_pin.errors import UnsupportedConstraint
 
 _WEIGHTS: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 _H: Final = 2.0**-12  # [rad, m]: rounding leaves 1e-12
@@ -351,7 +353,15 @@ class MeetingTurning:
         gaps, n = self._places.gaps(data), self._E[:, :, 2]
         places = (np.split(x, self._first[1:]) for x in (gaps, self._P, n))
         parts = zip(self._pairs, self._places.are_balls(data).tolist(), *places, strict=True)
-        found = [of for part in parts for of in _slidings(data, *part)]
+        features = self._places.features(data)
+        found = [
+            of
+            for i, (pair, *part) in enumerate(parts)
+            for of in (
+                _slidings(data, pair, *part) if pair.surface is None
+                else _on_ground(pair, features[i], part[-1])
+            )
+        ]  # fmt: skip
         ways = [of for of, _ in found if of is not None]
         if len(ways) < len(found):
             return False
@@ -400,6 +410,35 @@ class MeetingTurning:
 
 
 _NOWHERE: Final = Sliding(np.zeros((3, 3)), np.zeros((3, 3)), 0.0)
+
+
+def _on_ground(
+    pair: Pair, found: Found, normals: Array
+) -> Iterator[tuple[Sliding | None, float]]:
+    """Yield the motion of each place of a shape on a ground, or None, and its skin [m]."""
+    r = pair.shape.radius
+    for (one, two), (along, other), gap, n in zip(
+        found.kinds.tolist(), found.along, found.gaps.tolist(), found.normals, strict=True
+    ):
+        between = gap + r
+        if pair.shape.half_axes is not None:  # a cylinder: by differences
+            yield None, r
+        elif (one, two) == (CORNER, FACE):
+            yield Sliding(_STILL, _STILL, between), r
+        elif (one, two) == (FACE, CORNER):
+            yield Sliding(_across(n), _STILL, between), r
+        elif one == two == EDGE:
+            c = np.cross(other, n)
+            yield Sliding(np.outer(c / c.dot(along), along), _STILL, between), r
+        elif between <= tolerances.SHARP:
+            raise UnsupportedConstraint(
+                f"{pair.name}: a sharp corner is {between:.1g} m from an edge or a corner of the "
+                "ground, where its normal has no derivative; a Ball or a Capsule has one there"
+            )
+        else:
+            across = _across(n) - np.outer(along, along) - np.outer(other, other)
+            yield Sliding(np.outer(along, along), across / between, between), r
+    yield from ((_NOWHERE, r) for _ in range(len(normals) - len(found.gaps)))
 
 
 def _slidings(
