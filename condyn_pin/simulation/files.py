@@ -16,6 +16,7 @@ from condyn_pin._core._pin import VERSION_TEXT, pin
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.files import LARGEST, atomic_write, parse_json, read_npz, write_npz
 from condyn_pin.constraints.contacts.kinds import CONTACTS
+from condyn_pin.constraints.contacts.ground import Facets, Ground
 from condyn_pin.constraints.contacts.shapes import SHAPES, Plane
 from condyn_pin.constraints.kinds import kind_named
 from condyn_pin.constraints.loop import Loop, axis_of
@@ -198,7 +199,8 @@ def limits_of(words: dict[str, Any]) -> MotionLimits:
 _KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        *(Effects, EventRecord, MotionLimits, Remark, Spring, SpringDamper, CoupledMotor, Plane),
+        *(Effects, EventRecord, MotionLimits, Remark, Spring, SpringDamper, CoupledMotor),
+        *(Plane, Ground, Facets),
         *(integrators.INTEGRATORS | DRIFTS | SOLVERS).values(),
     )
 }
@@ -219,8 +221,14 @@ def encode(value: Any) -> dict[str, Any]:
             f"{getattr(value, 'name', type(value).__name__)}: {functions[0]} is a function, and no "
             f"file can hold one; {_CURES.get(functions[0], _WRITE_A_KIND)}"
         )
-    coded = {key: encode(x) if is_dataclass(x) else x for key, x in of_it.items()}
-    return {"class": type(value).__name__, **coded}
+    return {"class": type(value).__name__, **{key: _encoded(x) for key, x in of_it.items()}}
+
+
+def _encoded(value: Any) -> Any:
+    """Return a field in words: dataclasses by their fields, also those in a tuple."""
+    if isinstance(value, tuple) and value and all(map(is_dataclass, value)):
+        return [encode(each) for each in value]
+    return encode(value) if is_dataclass(value) else value
 
 
 def _python_number(value: Any) -> Any:
@@ -253,7 +261,7 @@ def decode(coded: dict[str, Any]) -> Any:
 def _decoded_value(value: Any) -> Any:
     if isinstance(value, dict) and "class" in value:
         return decode(value)
-    return tuple(value) if isinstance(value, list) else value
+    return tuple(map(_decoded_value, value)) if isinstance(value, list) else value
 
 
 # Files of trajectories: archives, and csv.

@@ -22,6 +22,9 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
+from condyn_pin.constraints.contacts.ground import Facets, Ground
+from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.constraints.contacts.touches import BoundContact, PlaneContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io import meshes
@@ -264,7 +267,7 @@ def _cable_parts(scene: Scene, instants: Sequence[Instant], size: float) -> Iter
 
 
 def _ground_parts(scene: Scene, instants: Sequence[Instant], size: float) -> Iterator[Part]:
-    """Square in each contact plane, below all points that may touch it."""
+    """Square in each contact plane, below all points that may touch it; faces of each ground."""
     above: dict[tuple[int, bytes], list[PlaneContact]] = {}
     for bound in scene.contact_bounds:
         for touch in bound.touches:
@@ -275,10 +278,41 @@ def _ground_parts(scene: Scene, instants: Sequence[Instant], size: float) -> Ite
             (at.joints[ground] * plane).actInv(at.touching[touch.name].at)[:2]
             for at in instants for touch in touches if touch.name in at.touching
         ])  # fmt: skip
-        low, high = points.min(axis=0) - _MARGIN * size, points.max(axis=0) + _MARGIN * size
-        x, y = np.meshgrid((low[0], high[0]), (low[1], high[1]))
-        corners = np.column_stack([x.ravel(), y.ravel(), np.full(4, -_UNDER * size)])
-        square = meshes.Mesh(corners, np.array([(0, 1, 3), (0, 3, 2)], dtype=np.uint32))
-        square = square.moved(plane.homogeneous)
+        square = _square(plane, points, size)
         path = f"grounds/of {touches[0].name}"
         yield Part(path, joint_pose(ground), ((square, GROUND),), sheet=True)
+    touched = [here.at for at in instants for here in at.touching.values()]
+    for i, each in enumerate(dict.fromkeys(_grounds(scene))):
+        parts = [
+            _square(part.placement, np.array([part.placement.actInv(x)[:2] for x in touched]), size)
+            if isinstance(part, Plane)
+            else _facets_mesh(part)
+            for part in each.parts
+        ]
+        shape = tuple((mesh, GROUND) for mesh in parts)
+        yield Part(f"grounds/{i}", joint_pose(0), shape, sheet=True)
+
+
+def _grounds(scene: Scene) -> Iterator[Ground]:
+    """Yield the ground of each contact of a scene that is on one."""
+    for contact in scene.contacts:
+        if isinstance(contact, FrictionalContact) and isinstance(contact.on, Ground):
+            yield contact.on
+
+
+def _facets_mesh(facets: Facets) -> Mesh:
+    """Triangles of the faces of a ground."""
+    triangles = [
+        (face[0], *face[k : k + 2]) for face in facets.faces for k in range(1, len(face) - 1)
+    ]
+    return Mesh(np.array(facets.vertices), np.array(triangles, dtype=np.uint32))
+
+
+def _square(plane: Any, points: Array, size: float) -> Mesh:
+    """Square in a plane, round all points of it (k, 2)."""
+    points = points.reshape(-1, 2) if len(points) else np.zeros((1, 2))
+    low, high = points.min(axis=0) - _MARGIN * size, points.max(axis=0) + _MARGIN * size
+    x, y = np.meshgrid((low[0], high[0]), (low[1], high[1]))
+    corners = np.column_stack([x.ravel(), y.ravel(), np.full(4, -_UNDER * size)])
+    square = Mesh(corners, np.array([(0, 1, 3), (0, 3, 2)], dtype=np.uint32))
+    return square.moved(plane.homogeneous)
