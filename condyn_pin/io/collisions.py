@@ -10,12 +10,16 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from itertools import combinations
 from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_type
 from condyn_pin.constraints.constraint import Constraint
+from condyn_pin.constraints.contacts.candidates import Distance
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.constraints.contacts.ground import Ground
 from condyn_pin.constraints.contacts.shapes import (
@@ -58,6 +62,76 @@ def collisions(
         for each in link_shapes(robot, shapes)
         if not _passes(robot, each.link)
     )
+
+
+def self_collisions(
+    robot: Robot, friction: float, shapes: Sequence[str] | None, without: Sequence[Sequence[str]]
+) -> tuple[FrictionalContact, ...]:
+    """Contacts between collision shapes of a file; see `Robot.self_collisions`."""
+    each = link_shapes(robot, shapes)
+    known = {key for shape in each for key in (shape.name, shape.link)}
+    apart = [frozenset(members("without", names, (str,))) for names in without]
+    for names in apart:
+        for name in sorted(names - known):
+            raise unknown_name("shape", name, sorted(known))
+    apart += robot.exclusions
+    pairs = [
+        (one, other)
+        for one, other in combinations(each, 2)
+        if _may_meet(robot, one, other) and not _left_out(one, other, apart)
+    ]
+    contacts = tuple(
+        FrictionalContact(
+            one.frame, one.shape, one.offset, _at(robot, other), other.shape, friction=friction,
+            name=f"{one.name} - {other.name}",
+        )
+        for one, other in pairs
+    )  # fmt: skip
+    inside = _overlapping(robot, contacts)
+    if any(inside):
+        names = [(one.name, other.name) for (one, other), is_in in zip(pairs, inside, strict=True) if is_in]
+        raise InvalidModel(
+            f"{robot.name}: shapes of the file overlap where the robot is in its posture of the "
+            f"file: without={names} leaves these pairs out"
+        )
+    return contacts
+
+
+def _may_meet(robot: Robot, one: LinkShape, other: LinkShape) -> bool:
+    """True if two shapes are on joints that are not the same and not neighbours."""
+    parents = robot.model.parents
+    return one.joint != other.joint and not (
+        parents[one.joint] == other.joint or parents[other.joint] == one.joint
+    )
+
+
+def _left_out(one: LinkShape, other: LinkShape, apart: Sequence[frozenset[str]]) -> bool:
+    """True if some bodies that do not touch are those of two shapes."""
+    return any(
+        names & {one.name, one.link} and names & {other.name, other.link} for names in apart
+    )
+
+
+def _at(robot: Robot, shape: LinkShape) -> FrameLike:
+    """Frame at the origin of a shape."""
+    joint, placement = robot.frame(shape.frame)
+    shift = pin.SE3(np.eye(3), np.array(shape.offset))
+    return str(robot.model.names[joint]), placement * shift
+
+
+def _overlapping(robot: Robot, contacts: Sequence[FrictionalContact]) -> list[bool]:
+    """Flag of each pair of shapes: they overlap in the first posture of the file."""
+    postures = [*robot.postures.values()]
+    q = postures[0] if postures else pin.neutral(robot.model)
+    bounds = [contact.bind(robot) for contact in contacts]
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, q)
+    shapes: dict[int, Any] = {}
+    return [
+        bool(Distance(pair, shapes)(data).gaps[0] < -tolerances.NEARLY_CLOSED)
+        for bound in bounds
+        for pair in bound.pairs
+    ]
 
 
 def _passes(robot: Robot, link: str) -> bool:

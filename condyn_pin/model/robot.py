@@ -626,6 +626,42 @@ class Robot:
 
         return collisions(self, friction, Plane() if ground is None else ground, shapes)
 
+    def self_collisions(
+        self,
+        friction: float,
+        *,
+        shapes: Sequence[str] | None = None,
+        without: Sequence[Sequence[str]] = (),
+    ) -> tuple[FrictionalContact, ...]:
+        """Return a contact of each pair of collision shapes that may meet, for `Scene(contacts=)`.
+
+        Shapes on one joint, or on two that a joint connects, are no pair, and neither are those
+        that the SRDF, SDF or MJCF excludes (`exclusions`). Meshes are their convex hulls: what is
+        hollow in a mesh is filled.
+
+        Parameters
+        ----------
+        friction : float
+            Coulomb's coefficient [1].
+        shapes : sequence of str, optional
+            Names of the links, or of single shapes, to take; all of them by default.
+        without : sequence of (str, str), optional
+            Pairs of links or shapes to leave out.
+
+        Raises
+        ------
+        InvalidModel
+            If shapes cannot be read, or overlap in the first posture of the file; the text has
+            `without` for these.
+        InvalidArgument
+            If a shape touches planes and grounds alone: a cylinder or an ellipsoid.
+        UnknownName
+            If `shapes` or `without` names none of them.
+        """
+        from condyn_pin.io.collisions import self_collisions
+
+        return self_collisions(self, friction, shapes, without)
+
     def limits(self) -> tuple[JointLimit, ...]:
         """Return the stops of all joints with a finite limit, for `Scene(contacts=...)`."""
         from condyn_pin.constraints.contacts.joint_limit import JointLimit

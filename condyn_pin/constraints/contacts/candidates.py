@@ -24,7 +24,7 @@ from condyn_pin._core.arrays import Array, Indices, read_only
 from condyn_pin._core.models import z_along
 from condyn_pin._core.joints import frames_along, z_along
 from condyn_pin.constraints.contacts.meetings import ContactPoints, meetings
-from condyn_pin.constraints.contacts.on_ground import Found, OnGround
+from condyn_pin.constraints.contacts.on_ground import NEXT, REACH, Found, OnGround
 from condyn_pin.constraints.contacts.seams import Piece
 from condyn_pin.constraints.contacts.shapes import Core, lengths_of
 from condyn_pin.constraints.contacts.touches import (
@@ -269,7 +269,8 @@ class Pairs:
         self._counts = [pair.points for pair in pairs]
         self._starts = [0, *accumulate(self._counts)]
         self.size = self._starts[-1]
-        self._distances = [Distance(pair) for pair in pairs] if exact else []
+        shapes: dict[int, tuple[Any, Any]] = {}
+        self._exact, self._distances = exact, [Distance(pair, shapes) for pair in pairs]
         self._pieces = [()] * len(pairs) if exact else [*pieces_of(pairs)]
         rows = [
             columns(model, pair.joint) - columns(model, pair.ground)
@@ -345,7 +346,7 @@ class Pairs:
         self, i: int, data: Any, middle: Array, normal: Array, gap: float
     ) -> ContactPoints:
         """Nearest points of two shapes, or of their bounding balls: most pairs are far apart."""
-        if self._distances:
+        if self._exact:
             return self._distances[i](data)
         point = middle - self._pairs[i].shape.reach * normal
         return ContactPoints(np.array([gap]), point[None], normal[None])
@@ -354,10 +355,18 @@ class Pairs:
         """Contact points of the features of two shapes; hidden ones have infinite gaps."""
         pair = self._pairs[i]
         A, B = data.oMi[pair.joint], data.oMi[pair.ground]
-        found = meetings(
-            pair.shape.placed(A * pair.placement),
-            pair.ground_shape.placed(B * pair.ground_placement),
-        )
+        one = pair.shape.placed(A * pair.placement)
+        two = pair.ground_shape.placed(B * pair.ground_placement)
+        if one.is_fine or two.is_fine:  # the features that are next to touch
+            nearest = self._distances[i](data)
+            if nearest.gaps[0] > REACH:
+                return nearest
+            n = nearest.normals[0]
+            one, two = (
+                core.lowest_part(axis, NEXT * core.size) if core.is_fine else core
+                for core, axis in ((one, n), (two, -n))
+            )
+        found = meetings(one, two)
         if self._pieces[i]:
             n, hidden = found.normals, np.zeros(len(found.gaps), dtype=bool)
             on_ground = found.points - found.gaps[:, None] * n
@@ -408,11 +417,16 @@ def on_grounds(pairs: Sequence[Pair], *, exact: bool) -> list[ShapesOnGround]:
 
 
 class Distance:
-    """Distance of two shapes that are far apart, by coal, to 1e-10 m."""
+    """Distance of two shapes by coal, to 1e-10 m."""
 
-    def __init__(self, pair: Pair) -> None:
-        self._pair = pair
+    def __init__(self, pair: Pair, shapes: dict[int, tuple[Any, Any]]) -> None:
+        self._pair, self._shapes = pair, shapes  # those of coal, by the core that they are of
         self._made: tuple[Any, ...] = ()
+
+    def _shape(self, core: Core) -> tuple[Any, Any]:
+        if id(core) not in self._shapes:
+            self._shapes[id(core)] = _coal_shape(core)
+        return self._shapes[id(core)]
 
     def __call__(self, data: Any) -> ContactPoints:
         """Nearest points of the two shapes; reads data.oMi."""
@@ -422,7 +436,7 @@ class Distance:
         if not self._made:
             request = coal.DistanceRequest()
             request.gjk_tolerance = request.epa_tolerance = tolerances.CLOSED
-            self._made = (*_coal_shape(pair.shape), *_coal_shape(pair.ground_shape), request)
+            self._made = (*self._shape(pair.shape), *self._shape(pair.ground_shape), request)
         one, on_one, two, on_two, request = self._made
         places = (
             data.oMi[pair.joint] * pair.placement * on_one,

@@ -39,7 +39,7 @@ _SLACK: Final = 0.05
 
 # Corners that are higher than the lowest one of their shape by less are next to touch, as a share
 # of its size.
-_NEXT: Final = 1e-2
+NEXT: Final = 1e-2
 
 # A contact may be deeper than the way out beside it by a factor of two, and this [m].
 _DEEPER: Final = 1e-5
@@ -350,7 +350,7 @@ def _above_faces(
             H = (P * n).sum(axis=2) - surface.heights[f]
         lowest = H.min(axis=0)
         depths[its] = lowest - bone.radius
-        corner, face = np.nonzero((H <= lowest + _NEXT * bone.size) & (H <= reach + bone.radius))
+        corner, face = np.nonzero((H <= lowest + NEXT * bone.size) & (H <= reach + bone.radius))
         at.append(its.start + face)
         points.append(P[corner] if bone.core.half_axes is None else P[corner, face])
     separation = _Separation(surface, shapes, faces, depths)

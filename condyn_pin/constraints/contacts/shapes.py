@@ -10,6 +10,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import pairwise, product
 from typing import Any, Final, NamedTuple
 
@@ -121,6 +122,23 @@ class Core(NamedTuple):
         """True if the core is a half-space, z <= 0 in its own axes."""
         return len(self.normals) == 1
 
+    @property
+    def is_fine(self) -> bool:
+        """True if the core has more edges than are looked at one by one."""
+        return len(self.edges) > _MANY
+
+    def lowest_part(self, axis: Array, band: float) -> Core:
+        """Core with what reaches into the lowest band along an axis [m]: edges and faces there."""
+        along = self.vertices.dot(axis)
+        low = along <= along.min() + band
+        edges = self.edges[low[self.edges].any(axis=1)]
+        faces = [i for i, loop in enumerate(self.loops) if low[loop].any()]
+        d = self.vertices[edges[:, 1]] - self.vertices[edges[:, 0]]
+        return self._replace(
+            edges=edges, normals=self.normals[faces], heights=self.heights[faces],
+            loops=tuple(self.loops[i] for i in faces), directions=lengths_of(d)[1],
+        )  # fmt: skip
+
     def placed(self, at: Any) -> Core:
         """Return the core in the world, at a placement."""
         R, p = at.rotation, at.translation
@@ -131,6 +149,9 @@ class Core(NamedTuple):
             half_axes=None if self.half_axes is None else R.dot(self.half_axes),
         )  # fmt: skip
 
+
+# Of more edges than this those near a contact are looked at, each with its own direction.
+_MANY: Final = 200
 
 _NO_EDGES: Final = np.zeros((0, 2), dtype=np.int_)
 
@@ -202,8 +223,10 @@ def _core(
 
 
 def _directions(along: Array, size: float) -> Array:
-    """Unit vectors along edges (e, 3), one for parallel edges to rounding."""
+    """Unit vectors along edges (e, 3), one for parallel edges to rounding; all, if many."""
     lengths, units = lengths_of(along)
+    if len(units) > _MANY:
+        return units
     kept: list[int] = []
     for i, (unit, length) in enumerate(zip(units, lengths, strict=True)):
         _, sines = unit_cross(np.repeat(unit[None], len(kept), axis=0), units[kept])
@@ -597,26 +620,32 @@ class Convex(Shape):
     @property
     def core(self) -> Core:
         """The solid: triangles of one plane are one face."""
-        points = np.array(self.vertices)
-        off = tolerances.FLAT * float(np.ptp(points, axis=0).max())
-        normals, heights = _planes(points, self._hull, off)
-        on = np.abs(points.dot(normals.T) - heights) <= off
-        if on.all(axis=0).any():
-            raise _flat()
-        loops = tuple(
-            _ordered_corners(points, np.flatnonzero(on[:, face]), normal)
-            for face, normal in enumerate(normals)
-        )
-        edges = {
-            (min(a, b), max(a, b))
-            for loop in loops
-            for a, b in zip(loop.tolist(), np.roll(loop, -1).tolist(), strict=True)
-        }
-        return solid_core(points, np.array(sorted(edges)), normals, heights, loops)
+        return _convex_core(self.vertices)
 
     @property
     def _hull(self) -> Any:
         return _hull_of(np.array(self.vertices))
+
+
+@lru_cache(maxsize=256)
+def _convex_core(vertices: tuple[Vector3, ...]) -> Core:
+    """Core of a convex solid with these corners."""
+    points = np.array(vertices)
+    off = tolerances.FLAT * float(np.ptp(points, axis=0).max())
+    normals, heights = _planes(points, _hull_of(points), off)
+    on = np.abs(points.dot(normals.T) - heights) <= off
+    if on.all(axis=0).any():
+        raise _flat()
+    loops = tuple(
+        _ordered_corners(points, np.flatnonzero(on[:, face]), normal)
+        for face, normal in enumerate(normals)
+    )
+    edges = {
+        (min(a, b), max(a, b))
+        for loop in loops
+        for a, b in zip(loop.tolist(), np.roll(loop, -1).tolist(), strict=True)
+    }
+    return solid_core(points, np.array(sorted(edges)), normals, heights, loops)
 
 
 def _hull_of(points: Array) -> Any:
