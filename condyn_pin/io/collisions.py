@@ -82,7 +82,8 @@ def self_collisions(
     ]
     contacts = tuple(
         FrictionalContact(
-            one.frame, one.shape, one.offset, _at(robot, other), other.shape, friction=friction,
+            one.frame, _prism(one.shape), one.offset, _at(robot, other), _prism(other.shape),
+            friction=friction,
             name=f"{one.name} - {other.name}",
         )
         for one, other in pairs
@@ -110,6 +111,20 @@ def _left_out(one: LinkShape, other: LinkShape, apart: Sequence[frozenset[str]])
     return any(
         names & {one.name, one.link} and names & {other.name, other.link} for names in apart
     )
+
+
+def _prism(shape: Shape) -> Shape:
+    """Prism in a cylinder, which does not touch other shapes; another shape as it is."""
+    if not isinstance(shape, Cylinder):
+        return shape
+    turns = 2.0 * np.pi * np.arange(_SIDES) / _SIDES
+    rim = shape.radius * np.column_stack([np.cos(turns), np.sin(turns)])
+    ends = (shape.half_length, -shape.half_length)
+    return Convex(tuple((x, y, z) for z in ends for x, y in rim.tolist()))
+
+
+# Sides of the prism in a cylinder: it is smaller by 0.5 % of the radius.
+_SIDES: Final = 32
 
 
 def _at(robot: Robot, shape: LinkShape) -> FrameLike:
@@ -172,7 +187,7 @@ def _named(robot: Robot, read: Sequence[FileShape]) -> Iterator[tuple[str, int, 
     """
     found = []
     for shape in read:
-        joint, placement = robot.frame(shape.link)
+        joint, placement = _link(robot, shape.link)
         if joint:
             found.append((joint, placement, shape))
     count = Counter(f"{shape.link} {shape.kind}" for _, _, shape in found)
@@ -217,10 +232,11 @@ def _foot_shape(
 
 def _placed(robot: Robot, name: str, joint: int, of_file: FileShape) -> LinkShape:
     """Shape in the words of contacts: its frame, its offset there, and its sizes."""
+    of_link, frame = _link(robot, of_file.link)[1], _frame(robot, of_file.link)
     try:
         if of_file.kind == "mesh":
             hull = Convex.hull(of_file.mesh().vertices)
-            return LinkShape(name, of_file.link, joint, of_file.link, (0.0, 0.0, 0.0), hull)
+            return LinkShape(name, of_file.link, joint, frame, (0.0, 0.0, 0.0), hull)
         shape = _SHAPES[of_file.kind](*of_file.size)
     except (CondynError, ValueError, OSError) as error:
         raise InvalidModel(
@@ -229,10 +245,30 @@ def _placed(robot: Robot, name: str, joint: int, of_file: FileShape) -> LinkShap
     at = of_file.placement
     if isinstance(shape, Ball) or (at.rotation == np.eye(3)).all():
         x, y, z = at.translation.tolist()
-        return LinkShape(name, of_file.link, joint, of_file.link, (x, y, z), shape)
-    of_link = robot.frame(of_file.link)[1]
+        return LinkShape(name, of_file.link, joint, frame, (x, y, z), shape)
     turned = str(robot.model.names[joint]), of_link * at
     return LinkShape(name, of_file.link, joint, turned, (0.0, 0.0, 0.0), shape)
+
+
+def _link(robot: Robot, link: str) -> tuple[int, Any]:
+    """Joint that carries a link, and its placement there: a joint may have the same name."""
+    model = robot.model
+    if model.existFrame(link, pin.FrameType.BODY):
+        frame = model.frames[model.getFrameId(link, pin.FrameType.BODY)]
+        return int(frame.parentJoint), frame.placement
+    return robot.frame(link)
+
+
+def _frame(robot: Robot, link: str) -> FrameLike:
+    """Link as a frame: its name, or its place where the name has several."""
+    joint, placement = _link(robot, link)
+    try:
+        named = robot.frame(link)
+    except CondynError:
+        named = None
+    if named is not None and named[0] == joint and named[1] == placement:
+        return link
+    return str(robot.model.names[joint]), placement
 
 
 # Sizes as a file has them: edges of boxes, half axes of ellipsoids, radius and length.

@@ -637,7 +637,7 @@ class Robot:
 
         Shapes on one joint, or on two that a joint connects, are no pair, and neither are those
         that the SRDF, SDF or MJCF excludes (`exclusions`). Meshes are their convex hulls: what is
-        hollow in a mesh is filled.
+        hollow in a mesh is filled. Cylinders are prisms of 32 sides in them.
 
         Parameters
         ----------
@@ -654,7 +654,7 @@ class Robot:
             If shapes cannot be read, or overlap in the first posture of the file; the text has
             `without` for these.
         InvalidArgument
-            If a shape touches planes and grounds alone: a cylinder or an ellipsoid.
+            If a shape touches planes alone: an ellipsoid.
         UnknownName
             If `shapes` or `without` names none of them.
         """

@@ -355,12 +355,12 @@ class Pairs:
         """Contact points of the features of two shapes; hidden ones have infinite gaps."""
         pair = self._pairs[i]
         A, B = data.oMi[pair.joint], data.oMi[pair.ground]
+        is_fine = pair.shape.is_fine or pair.ground_shape.is_fine
+        if is_fine and (nearest := self._distances[i](data)).gaps[0] > REACH:
+            return nearest
         one = pair.shape.placed(A * pair.placement)
         two = pair.ground_shape.placed(B * pair.ground_placement)
-        if one.is_fine or two.is_fine:  # the features that are next to touch
-            nearest = self._distances[i](data)
-            if nearest.gaps[0] > REACH:
-                return nearest
+        if is_fine:  # the features that are next to touch
             n = nearest.normals[0]
             one, two = (
                 core.lowest_part(axis, NEXT * core.size) if core.is_fine else core

@@ -131,8 +131,9 @@ class Core(NamedTuple):
         """Core with what reaches into the lowest band along an axis [m]: edges and faces there."""
         along = self.vertices.dot(axis)
         low = along <= along.min() + band
-        edges = self.edges[low[self.edges].any(axis=1)]
-        faces = [i for i, loop in enumerate(self.loops) if low[loop].any()]
+        edges = self.edges[low[self.edges].all(axis=1)]
+        off = np.abs(self.vertices[low].dot(self.normals.T) - self.heights)
+        faces = np.flatnonzero(off.min(axis=0) <= tolerances.FLAT * self.size)
         d = self.vertices[edges[:, 1]] - self.vertices[edges[:, 0]]
         return self._replace(
             edges=edges, normals=self.normals[faces], heights=self.heights[faces],
@@ -151,7 +152,7 @@ class Core(NamedTuple):
 
 
 # Of more edges than this those near a contact are looked at, each with its own direction.
-_MANY: Final = 200
+_MANY: Final = 48
 
 _NO_EDGES: Final = np.zeros((0, 2), dtype=np.int_)
 
