@@ -74,7 +74,7 @@ def self_collisions(
     for names in apart:
         for name in sorted(names - known):
             raise unknown_name("shape", name, sorted(known))
-    apart += robot.exclusions
+    apart += map(frozenset, robot.exclusions)
     pairs = [
         (one, other)
         for one, other in combinations(each, 2)
@@ -90,10 +90,14 @@ def self_collisions(
     )  # fmt: skip
     inside = _overlapping(robot, contacts)
     if any(inside):
-        names = [(one.name, other.name) for (one, other), is_in in zip(pairs, inside, strict=True) if is_in]
+        overlap = [
+            (one.name, other.name)
+            for (one, other), is_in in zip(pairs, inside, strict=True)
+            if is_in
+        ]
         raise InvalidModel(
             f"{robot.name}: shapes of the file overlap where the robot is in its posture of the "
-            f"file: without={names} leaves these pairs out"
+            f"file: without={overlap} leaves these pairs out"
         )
     return contacts
 
@@ -108,9 +112,7 @@ def _may_meet(robot: Robot, one: LinkShape, other: LinkShape) -> bool:
 
 def _left_out(one: LinkShape, other: LinkShape, apart: Sequence[frozenset[str]]) -> bool:
     """True if some bodies that do not touch are those of two shapes."""
-    return any(
-        names & {one.name, one.link} and names & {other.name, other.link} for names in apart
-    )
+    return any(names & {one.name, one.link} and names & {other.name, other.link} for names in apart)
 
 
 def _prism(shape: Shape) -> Shape:

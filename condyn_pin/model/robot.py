@@ -591,7 +591,11 @@ class Robot:
         return feet_of(self.contacts, friction, on)
 
     def collisions(
-        self, friction: float, *, ground: Plane | Ground | None = None, shapes: Sequence[str] | None = None
+        self,
+        friction: float,
+        *,
+        ground: Plane | Ground | None = None,
+        shapes: Sequence[str] | None = None,
     ) -> tuple[FrictionalContact, ...]:
         """Return a contact of each collision shape of the file, for `Scene(contacts=...)`.
 

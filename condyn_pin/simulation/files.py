@@ -15,8 +15,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import VERSION_TEXT, pin
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.files import LARGEST, atomic_write, parse_json, read_npz, write_npz
-from condyn_pin.constraints.contacts.kinds import CONTACTS
 from condyn_pin.constraints.contacts.ground import Facets, Ground
+from condyn_pin.constraints.contacts.kinds import CONTACTS
 from condyn_pin.constraints.contacts.shapes import SHAPES, Plane
 from condyn_pin.constraints.kinds import kind_named
 from condyn_pin.constraints.loop import Loop, axis_of

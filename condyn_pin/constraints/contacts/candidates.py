@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from copy import copy
 from functools import cached_property
 from itertools import accumulate
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -97,7 +97,9 @@ class Candidates:
         self.names = (*of_cones, *others)
         self.row_names = (*(f"{name}.{axis}" for name in of_cones for axis in _AXES), *others)
         self.several = tuple(_cones_of_patches(pairs, len(touches)))
-        self.on_ground = np.array([isinstance(e, Pair) and e.surface is not None for e in cones], bool)
+        self.on_ground = np.array(
+            [isinstance(e, Pair) and e.surface is not None for e in cones], bool
+        )
         self.friction = read_only(np.array([each.friction for each in cones]))
         self.restitution = read_only(np.array([each.restitution for each in cones]))
         self.limits = read_only(np.array([each.limit for each in dry]))
@@ -332,12 +334,16 @@ class Pairs:
             for i in self._between:
                 far = middles[i, 0], normals[i], apart[i] - self._reaches[i]
                 its = self._far_away(i, data, *far) if self._far[i] else self._closely(i, data)
-                first, last, filled = self._starts[i], self._starts[i + 1], its.filled(self._counts[i])
+                first, last, filled = (
+                    self._starts[i],
+                    self._starts[i + 1],
+                    its.filled(self._counts[i]),
+                )
                 gaps[first:last], points[first:last], n[first:last] = filled
             for shapes in self._on_grounds:
-                for i, its in shapes.evaluate(data).items():
-                    here = slice(self._starts[i], self._starts[i] + len(its.gaps))
-                    gaps[here], points[here], n[here] = its.gaps, its.points, its.normals
+                for i, on in shapes.evaluate(data).items():
+                    here = slice(self._starts[i], self._starts[i] + len(on.gaps))
+                    gaps[here], points[here], n[here] = on.gaps, on.points, on.normals
             self._found = gaps, points, frames_along(n)
             self._at[:] = now
         return self._found

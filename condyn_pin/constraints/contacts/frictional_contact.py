@@ -171,9 +171,9 @@ class FrictionalContact(Contact):
             )
         at, law = shifted_placement(placement, self.offset), (self.friction, self.restitution)
         if isinstance(self.on, Ground):
-            core = self.shape.over_plane or self.shape.core
+            shape = self.shape.over_plane or self.shape.core
             pair = Pair(
-                self.name, joint, at, core, 0, origin, ground_core(), *law, self.on.surface
+                self.name, joint, at, shape, 0, origin, ground_core(), *law, self.on.surface
             )
             return BoundContact(self.name, pairs=(pair,), solids=_solids((joint, at, self.shape)))
         below = self.on if isinstance(self.on, Plane) else self.on_shape

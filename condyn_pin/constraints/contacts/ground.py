@@ -17,6 +17,7 @@ from dataclasses import dataclass, fields
 from functools import cached_property
 from itertools import product
 from os import PathLike
+from pathlib import Path
 from typing import Any, Final
 
 import numpy as np
@@ -200,9 +201,7 @@ class Ground:
         for k in range(int(steps)):
             depth = run if k < steps - 1 else 6.0 * run
             middle = (k * run + depth / 2.0, 0.0, (k + 1) * rise / 2.0)
-            made.append(
-                ((depth, width, (k + 1) * rise), at * pin.SE3(np.eye(3), np.array(middle)))
-            )
+            made.append(((depth, width, (k + 1) * rise), at * pin.SE3(np.eye(3), np.array(middle))))
         return cls.boxes(made)
 
     @classmethod
@@ -259,7 +258,7 @@ class Ground:
         if isinstance(mesh, str | PathLike):
             from condyn_pin.io.meshes import read_mesh
 
-            read = read_mesh(mesh)
+            read = read_mesh(Path(mesh))
             V, F = read.vertices, read.faces.astype(np.int_)
         else:
             V, F = finite_rows("vertices", mesh[0], 3), np.array(mesh[1], dtype=np.int_)
@@ -271,10 +270,10 @@ class Ground:
         outwards = np.einsum(
             "ij,ij->i", np.cross(V[F[:, 1]] - V[F[:, 0]], V[F[:, 2]] - V[F[:, 0]]), V[F[:, 0]]
         ).sum()
-        made = Facets(V, F.tolist())  # type: ignore[arg-type]
+        made = Facets(V, F.tolist())
         up = made.surface.normals[:, 2]
         if outwards < 0.0 if made.surface.is_closed else (up < 0.0).all():
-            made = Facets(V, F[:, ::-1].tolist())  # type: ignore[arg-type]
+            made = Facets(V, F[:, ::-1].tolist())
         return cls((made,))
 
 
@@ -299,6 +298,10 @@ class Surface:
     into : (e, 2, 3) array
         Directions into its faces; -n for that which the border of a sheet lacks.
     faces_of_edges : (e, 2) int array
+    lengths, along : (e,), (e, 3) array
+        Lengths of the edges [m], and unit vectors along them.
+    ends_of_arcs : (e, 2, 3) array
+        The normals of an edge lie between these two.
     corners : (c, 3) array
         Convex corners [m].
     leaving : (c, k, 3) array
@@ -312,12 +315,17 @@ class Surface:
     """
 
     def __init__(
-        self, faces: tuple[Array, ...], edges: tuple[Array, ...], corners: tuple[Array, ...],
+        self, faces: tuple[Any, ...], edges: tuple[Any, ...], corners: tuple[Any, ...],
         boxes: tuple[Array, ...], part_of: tuple[Indices, ...],
         solids: list[Solid | None], *, is_closed: bool,
     ) -> None:  # fmt: skip
         self.normals, self.heights, self.sides, self.ends, self.beyond, self.neighbours = faces
         self.edges, self.into, self.faces_of_edges = edges
+        self.lengths, self.along = lengths_of(self.edges[:, 1] - self.edges[:, 0])
+        n_1, n_2 = self.normals[self.faces_of_edges].transpose(1, 0, 2)
+        is_rim = (self.into[:, 1] == -n_1).all(axis=1)
+        n_2 = np.where(is_rim[:, None], -self.into[:, 0], n_2)
+        self.ends_of_arcs = np.stack([n_1, n_2], axis=1)
         self.corners, self.leaving = corners
         self.boxes, self.part_of, self.solids, self.is_closed = boxes, part_of, solids, is_closed
         self._search = [Blocks(each) for each in boxes]
@@ -392,7 +400,9 @@ class Blocks:
         middles = np.clip(boxes, -1e9, 1e9).mean(axis=1)[:, :2]
         count = len(boxes)
         tiles = max(1, int(np.sqrt(count / _BLOCK)))
-        rank = np.argsort(middles[:, 0], kind="stable").argsort(kind="stable") * tiles // max(1, count)
+        rank = (
+            np.argsort(middles[:, 0], kind="stable").argsort(kind="stable") * tiles // max(1, count)
+        )
         self._order = np.lexsort((middles[:, 1], rank))
         starts = np.arange(0, count, _BLOCK)
         self._boxes = boxes[self._order]
@@ -440,7 +450,9 @@ def _surface_of(V: Array, F: Indices) -> Surface:
     corners = V[F]
     n = np.cross(corners[:, 2] - corners[:, 0], corners[:, 3] - corners[:, 1])
     is_triangle = F[:, 2] == F[:, 3]
-    n[is_triangle] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[is_triangle]
+    n[is_triangle] = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])[
+        is_triangle
+    ]
     area, n = lengths_of(n)
     size = float(np.ptp(V, axis=0).max())
     flat = np.flatnonzero(area <= (tolerances.ON_FACE * size) ** 2)
@@ -450,14 +462,14 @@ def _surface_of(V: Array, F: Indices) -> Surface:
             "update_faces(mesh.nondegenerate_faces())"
         )
     along, following = np.roll(corners, -1, axis=1) - corners, np.roll(F, -1, axis=1)
-    real = F != following
+    real = following != F
     lengths = np.sqrt((along**2).sum(axis=2))
     along = along / np.where(real, lengths, 1.0)[:, :, None]
     sides = np.cross(along, n[:, None]) * real[:, :, None]
     ends = (sides * corners).sum(axis=2)
     # sides of all faces by the edge that they are on
     pairs = np.sort(np.stack([F, following], axis=2)[real], axis=1)
-    ups = (F < following)[real]
+    ups = (following > F)[real]
     of_face = np.repeat(np.arange(len(F)), 4).reshape(F.shape)[real]
     of_side = np.tile(np.arange(4), (len(F), 1))[real]
     E, edge, count = np.unique(pairs, axis=0, return_inverse=True, return_counts=True)
@@ -470,7 +482,10 @@ def _surface_of(V: Array, F: Indices) -> Surface:
         )
     order = np.argsort(edge, kind="stable")
     first = order[np.searchsorted(edge[order], np.arange(len(E)))]
-    both, last = count == 2, order[np.searchsorted(edge[order], np.arange(len(E)), side="right") - 1]
+    both, last = (
+        count == 2,
+        order[np.searchsorted(edge[order], np.arange(len(E)), side="right") - 1],
+    )
     if (wrong := np.flatnonzero(both & (ups[first] == ups[last]))).size:
         which = of_face[[first[wrong[0]], last[wrong[0]]]]
         raise InvalidArgument(

@@ -3,12 +3,13 @@
 A shape is convex: corners, edges and faces with a round skin of radius r. A contact is a feature of
 the shape above one of the ground, with a normal n that both may meet there,
 
-    corner p above a face       n = n_f,              gap = n . p - height - r,      p lowest along n
-    edge across an edge         n = +-(d_A x d_B),    gap = n . (a - b) - r
-    corner p beside an edge     n = (p - x) / |p - x|,    gap = |p - x| - r
-    corner x of the ground      n against the face that it is next to, or away from x
+    corner p above a face      n = n_f,                  gap = n . p - height - r
+    edge across an edge        n = +-(d_A x d_B),        gap = n . (a - b) - r
+    corner p beside an edge    n = (p - x) / |p - x|,    gap = |p - x| - r
+    corner x of the ground     n against the face that it is next to, or away from x
 
-so that it is a nearest place of both, and a flat or hollow edge catches nothing. Where two are
+so that it is a nearest place of both: p is lowest along n, and a flat or hollow edge catches
+nothing. Where two are
 inside each other, gaps that are deeper than the way out along the faces beside them do not count.
 
 A cylinder is above a face with the lowest points of its rims along n; edges of the ground meet its
@@ -17,9 +18,9 @@ side as that of a capsule, and its rims, circles c + R u, where (c + R u - b) . 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -144,7 +145,10 @@ class Found(NamedTuple):
 
     def taken(self, chosen: Indices | NDArray[np.bool_] | slice) -> Found:
         """Some of the contacts."""
-        return Found(*[each[chosen] for each in self])
+        return Found(
+            self.of[chosen], self.gaps[chosen], self.points[chosen], self.normals[chosen],
+            self.part[chosen], self.kinds[chosen], self.along[chosen],
+        )  # fmt: skip
 
 
 def _found(
@@ -350,7 +354,7 @@ def _above_faces(
             H = (P * n).sum(axis=2) - surface.heights[f]
         lowest = H.min(axis=0)
         depths[its] = lowest - bone.radius
-        corner, face = np.nonzero((H <= lowest + NEXT * bone.size) & (H <= reach + bone.radius))
+        corner, face = np.nonzero((lowest + NEXT * bone.size >= H) & (reach + bone.radius >= H))
         at.append(its.start + face)
         points.append(P[corner] if bone.core.half_axes is None else P[corner, face])
     separation = _Separation(surface, shapes, faces, depths)
@@ -427,83 +431,87 @@ def _across_edges(
     reach: float,
 ) -> list[Found]:  # fmt: skip
     """Edges of the shapes across edges of the ground, and their corners beside them."""
-    crossing, beside, rims = [], [], []
+    crossing, beside, found = [], [], []
     for s, its in _slices(shapes):
         bone, e, P = rooms.bones[s], edges[its], rooms.points[s]
-        b, end = surface.edges[e, 0], surface.edges[e, 1]
-        length, d = lengths_of(end - b)
-        if bone.core.half_axes is None:
-            # the nearest corner, or both ends of a capsule
-            away = P[:, None] - b
-            share = (away * d).sum(axis=2)
-            t = np.clip(share, 0.0, length)
-            off = away - t[:, :, None] * d
-            apart = (off**2).sum(axis=2)
-            if len(P) > 2:
-                k = apart.argmin(axis=0)
-                rows = [(k, np.arange(len(e)))]
-            else:
-                rows = [(np.full(len(e), i), np.arange(len(e))) for i in range(len(P))]
-            for corner, j in rows:
-                inner = np.abs(share[corner, j] - t[corner, j]) <= _APART
-                corner, j = corner[inner], j[inner]
-                beside.append((s, e[j], P[corner], off[corner, j], d[j]))
-        else:
-            rims.append((s, e, b, length, d))
         if len(bone.ends):
-            i, j = _crossing(bone, rooms.R[s], d, surface.into[e], surface, e)
-            if len(i):
-                a = P[bone.ends[i, 0]]
-                crossing.append((s, e[j], a, P[bone.ends[i, 1]] - a, b[j], end[j] - b[j]))
-    found = []
+            crossing.append(_crossing(bone, rooms.R[s], P, s, e, surface))
+        if bone.core.half_axes is None:
+            beside.append(_corners_beside(P, s, e, surface))
+        else:
+            on_rims, on = _on_rims(rooms, surface, s, e, reach)
+            found.append(separation.without_deeper(on_rims, surface.faces_of_edges[on]))
     if crossing:
-        of = np.concatenate([np.full(len(each[1]), each[0]) for each in crossing])
-        e, a, along_a, b, along_b = (
-            np.concatenate([each[k] for each in crossing]) for k in range(1, 6)
-        )
-        dd, ee = (along_a**2).sum(axis=1), (along_b**2).sum(axis=1)
-        de, off = (along_a * along_b).sum(axis=1), a - b
-        da, ea = (along_a * off).sum(axis=1), (along_b * off).sum(axis=1)
-        area = dd * ee - de**2
-        skew = area > tolerances.FLAT * dd * ee
-        area = np.where(skew, area, 1.0)
-        s, t = (de * ea - ee * da) / area, (dd * ea - de * da) / area
-        edge = tolerances.ON_FACE
-        kept = skew & (s >= -edge) & (s <= 1 + edge) & (t >= -edge) & (t <= 1 + edge)
-        of, e, a, along_a, b, along_b, s, t = (
-            x[kept] for x in (of, e, a, along_a, b, along_b, s, t)
-        )
-        n, _ = unit_cross(along_a, along_b)
-        up = surface.normals[surface.faces_of_edges[e, 0]]
-        up = up - surface.into[e, 0] - surface.into[e, 1]  # between the faces, outwards
-        n = np.where((n * up).sum(axis=1) < 0.0, -1.0, 1.0)[:, None] * n
-        x, y = a + s[:, None] * along_a, b + t[:, None] * along_b
-        gaps = (n * (x - y)).sum(axis=1)
-        r = rooms.widths[of][:, None]
-        kept = _allowed_at_edges(n, surface.into[e]) & (gaps - r[:, 0] <= reach)
-        its = _found(
-            of, gaps - r[:, 0], x - r * n, n, surface.part_of[1][e], (EDGE, EDGE),
-            lengths_of(along_a)[1], lengths_of(along_b)[1],
-        ).taken(kept)  # fmt: skip
-        found.append(separation.without_deeper(its, surface.faces_of_edges[e[kept]]))
+        found.append(_at_crossings(rooms, surface, crossing, separation, reach))
     if beside:
-        of = np.concatenate([np.full(len(each[1]), each[0]) for each in beside])
-        e, x, off, d = (np.concatenate([each[k] for each in beside]) for k in range(1, 5))
-        apart, n = lengths_of(off)
-        r = rooms.radii[of]
-        kept = (apart > _APART) & (apart - r <= reach) & _allowed_at_edges(n, surface.into[e])
-        its = np.flatnonzero(kept)
-        kept[its] = [_is_lowest(rooms, of[i], x[i], n[i]) for i in its.tolist()]
-        found.append(
-            _found(
-                of, apart - r, x - r[:, None] * n, n, surface.part_of[1][e], (CORNER, EDGE),
-                None, d,
-            ).taken(kept)  # fmt: skip
-        )
-    for each in rims:
-        its, on = _on_rims(rooms, surface, *each, reach)
-        found.append(separation.without_deeper(its, surface.faces_of_edges[on]))
+        found.append(_beside_edges(rooms, surface, beside, reach))
     return found
+
+
+def _at_crossings(
+    rooms: _Rooms, surface: Surface, pairs: Sequence[tuple[Any, ...]], separation: _Separation,
+    reach: float,
+) -> Found:  # fmt: skip
+    """Edges a + s d of shapes, and the axes of capsules and cylinders, across b + t e."""
+    of, on, a, d = (np.concatenate(each) for each in zip(*pairs, strict=True))
+    b, e = surface.edges[on, 0], surface.edges[on, 1] - surface.edges[on, 0]
+    off = a - b
+    dd, ee, de = ((x * y).sum(axis=1) for x, y in ((d, d), (e, e), (d, e)))
+    da, ea = (d * off).sum(axis=1), (e * off).sum(axis=1)
+    area = dd * ee - de**2
+    skew = area > tolerances.FLAT * dd * ee
+    area = np.where(skew, area, 1.0)
+    shares = np.array([de * ea - ee * da, dd * ea - de * da]) / area
+    kept = skew & (np.abs(shares - 0.5) <= 0.5 + tolerances.ON_FACE).all(axis=0)
+    of, on, a, d, b, e = (x[kept] for x in (of, on, a, d, b, e))
+    x, y = a + shares[0, kept, None] * d, b + shares[1, kept, None] * e
+    n = _outwards(unit_cross(d, e)[0], surface, on)
+    r = rooms.widths[of]
+    gaps = (n * (x - y)).sum(axis=1) - r
+    along = lengths_of(d)[1], lengths_of(e)[1]
+    part = surface.part_of[1][on]
+    found = _found(of, gaps, x - r[:, None] * n, n, part, (EDGE, EDGE), *along)
+    kept = _allowed_at_edges(n, surface.into[on]) & (gaps <= reach)
+    return separation.without_deeper(found.taken(kept), surface.faces_of_edges[on[kept]])
+
+
+def _outwards(n: Array, surface: Surface, edges: Indices) -> Array:
+    """Normals (k, 3) or their opposites, out of the ground at edges."""
+    out = surface.normals[surface.faces_of_edges[edges, 0]] - surface.into[edges].sum(axis=1)
+    return np.where((n * out).sum(axis=1) < 0.0, -1.0, 1.0)[:, None] * n
+
+
+def _corners_beside(
+    P: Array, s: int, e: Indices, surface: Surface
+) -> tuple[Indices, Indices, Array, Array]:
+    """The corner of a shape that is nearest to each edge, both of a capsule, and the way there."""
+    b, length, d = surface.edges[e, 0], surface.lengths[e], surface.along[e]
+    away = P[:, None] - b
+    share = (away * d).sum(axis=2)
+    inner = np.abs(share - np.clip(share, 0.0, length)) <= _APART
+    off = away - share[:, :, None] * d
+    corner, edge = np.indices(share.shape).reshape(2, -1)
+    if len(P) > 2:
+        ends = away - np.clip(share, 0.0, length)[:, :, None] * d
+        corner, edge = (ends**2).sum(axis=2).argmin(axis=0), np.arange(len(e))
+    its = inner[corner, edge]
+    corner, edge = corner[its], edge[its]
+    return np.full(len(edge), s), e[edge], P[corner], off[corner, edge]
+
+
+def _beside_edges(
+    rooms: _Rooms, surface: Surface, pairs: Sequence[tuple[Any, ...]], reach: float
+) -> Found:
+    """Corners of shapes beside edges of the ground."""
+    of, on, x, off = (np.concatenate(each) for each in zip(*pairs, strict=True))
+    apart, n = lengths_of(off)
+    r = rooms.radii[of]
+    kept = (apart > _APART) & (apart - r <= reach) & _allowed_at_edges(n, surface.into[on])
+    its = np.flatnonzero(kept)
+    kept[its] = [_is_lowest(rooms, int(of[i]), x[i], n[i]) for i in its.tolist()]
+    part, along = surface.part_of[1][on], surface.along[on]
+    found = _found(of, apart - r, x - r[:, None] * n, n, part, (CORNER, EDGE), None, along)
+    return found.taken(kept)
 
 
 def _is_lowest(rooms: _Rooms, s: int, x: Array, n: Array) -> bool:
@@ -513,83 +521,68 @@ def _is_lowest(rooms: _Rooms, s: int, x: Array, n: Array) -> bool:
 
 
 def _crossing(
-    bone: Skeleton, R: Array, d: Array, into: Array, surface: Surface, e: Indices
-) -> tuple[Indices, Indices]:
-    """Pairs of edges of a shape and of the ground whose normals may be opposite: arcs that cross.
+    bone: Skeleton, R: Array, P: Array, s: int, e: Indices, surface: Surface
+) -> tuple[Indices, Indices, Array, Array]:
+    """Pairs of an edge of a shape and one of the ground whose normals may be opposite.
 
-    Those of an edge of the shape lie between the normals of its faces, all across the edge.
+    Those of an edge are an arc between the normals of its faces, across the edge: two arcs have to
+    cross. The axis of a capsule or a cylinder has all normals across it.
     """
-    if not len(bone.normals):  # a segment: every normal across it
-        i, j = np.nonzero(np.ones((len(bone.ends), len(d)), dtype=bool))
-        return i, j
-    local = d.dot(R)
-    sides = bone.normals.dot(local.T)  # (faces, e)
-    one, two = bone.beside.T
-    i, j = np.nonzero(sides[one] * sides[two] <= _BESIDE)
-    # the arc of the ground, from one of its normals to the other, across the edge of the shape
-    n_1 = surface.normals[surface.faces_of_edges[e, 0]]
-    is_rim = (surface.into[e, 1] == -n_1).all(axis=1)
-    n_2 = np.where(is_rim[:, None], -into[:, 0], surface.normals[surface.faces_of_edges[e, 1]])
-    along = bone.along[i]
-    first, last = (along * n_1.dot(R)[j]).sum(axis=1), (along * n_2.dot(R)[j]).sum(axis=1)
-    kept = first * last <= _BESIDE
-    i, j = i[kept], j[kept]
-    if not len(i):
-        return i, j
-    # n = +-(d_A x d_B) of the ground, and -n between the faces of the shape
-    n = np.cross(bone.along[i], local[j])
-    up = (n_1 + n_2).dot(R)[j]
-    n = np.where((n * up).sum(axis=1) < 0.0, -1.0, 1.0)[:, None] * n
-    m_1, m_2 = bone.normals[one[i]], bone.normals[two[i]]
-    kept = (n * (m_1 + m_2)).sum(axis=1) < 0.0
-    return i[kept], j[kept]
+    i, j = np.indices((len(bone.ends), len(e))).reshape(2, -1)
+    if len(bone.normals):
+        d, n = surface.along[e].dot(R), surface.ends_of_arcs[e].dot(R)  # in the axes of the shape
+        sides = bone.normals.dot(d.T)  # (faces, e)
+        one, two = bone.beside.T
+        i, j = np.nonzero(sides[one] * sides[two] <= _BESIDE)
+        ends = (bone.along[i, None] * n[j]).sum(axis=2)
+        kept = ends[:, 0] * ends[:, 1] <= _BESIDE
+        i, j = i[kept], j[kept]
+        across, _ = unit_cross(bone.along[i], d[j])
+        across = (
+            np.where((across * n[j].sum(axis=1)).sum(axis=1) < 0.0, -1.0, 1.0)[:, None] * across
+        )
+        kept = (across * (bone.normals[one[i]] + bone.normals[two[i]])).sum(axis=1) < 0.0
+        i, j = i[kept], j[kept]
+    a = P[bone.ends[i, 0]]
+    return np.full(len(i), s), e[j], a, P[bone.ends[i, 1]] - a
 
 
 def _on_rims(
-    rooms: _Rooms, surface: Surface, s: int, e: Indices, b: Array, length: Array, d: Array,
-    reach: float,
-) -> tuple[Found, Indices]:  # fmt: skip
+    rooms: _Rooms, surface: Surface, s: int, e: Indices, reach: float
+) -> tuple[Found, Indices]:
     """Rims of a cylinder on edges of the ground, and which edges these are.
 
     f = |P (c + R u - b)|^2 / 2 with u = cos(a) x + sin(a) y and P across the edge; f' = 0 is a
     polynomial of degree four in z = exp(i a).
     """
-    bone, Q = rooms.bones[s], rooms.R[s].dot(rooms.bones[s].core.half_axes)
-    x, y, axis = Q.T  # x, y as long as the radius
-    up = lengths_of(axis[None])[1][0]
-    centre = rooms.points[s].mean(axis=0)
-    parts = []
-    for sign in (1.0, -1.0):
-        w = centre + sign * axis - b
-        w = w - (w * d).sum(axis=1)[:, None] * d
-        px, py = (v - d.dot(v)[:, None] * d for v in (x, y))
+    x, y, axis = rooms.R[s].dot(rooms.bones[s].core.half_axes).T  # as long as they are
+    up, middle = lengths_of(axis[None])[1][0], rooms.points[s].mean(axis=0)
+    b, d, length = surface.edges[e, 0], surface.along[e], surface.lengths[e]
+    px, py = (v - d.dot(v)[:, None] * d for v in (x, y))
+    xx, yy, xy = ((p * q).sum(axis=1) for p, q in ((px, px), (py, py), (px, py)))
+    roots: list[tuple[int, float, float]] = []  # edge, side, angle
+    for side in (1.0, -1.0):
+        w = middle + side * axis - b
         wx, wy = (w * px).sum(axis=1), (w * py).sum(axis=1)
-        xx, yy, xy = (px * px).sum(axis=1), (py * py).sum(axis=1), (px * py).sum(axis=1)
         # f' = -wx sin + wy cos + (yy - xx) / 2 sin 2a + xy cos 2a
         high, low = 0.5 * xy - 0.25j * (yy - xx), 0.5 * wy + 0.5j * wx
-        for k in range(len(e)):
-            z = np.roots([high[k], low[k], 0.0, np.conj(low[k]), np.conj(high[k])])
-            z = z[np.abs(np.abs(z) - 1.0) < 1e-6]
-            for angle in np.unique(np.round(np.angle(z), 9)):
-                u = np.cos(angle) * x + np.sin(angle) * y
-                a = centre + sign * axis + u
-                t = float((a - b[k]).dot(d[k]))
-                if not 0.0 <= t <= length[k]:
-                    continue
-                tangent = np.cos(angle) * y - np.sin(angle) * x
-                n, _ = unit_cross(tangent[None], d[k][None])
-                both = surface.faces_of_edges[e[k]]
-                facing = surface.normals[both[0]] - surface.into[e[k]].sum(axis=0)
-                n = n * np.where((n * facing).sum(axis=1) < 0.0, -1.0, 1.0)[:, None]
-                gap = float(n[0].dot(a - b[k] - t * d[k]))
-                lowest = n[0].dot(u) <= _BESIDE and sign * n[0].dot(up) <= _BESIDE
-                if lowest and abs(gap) <= reach and _allowed_at_edges(n, surface.into[e[k]][None])[0]:
-                    parts.append((gap, a, n[0], int(e[k]), d[k]))
-    if not parts:
-        return _found(*_none(), kind=(EDGE, EDGE)), np.zeros(0, dtype=np.int_)
-    gaps, points, n, on, along = (np.array(each) for each in zip(*parts, strict=True))
-    of, part = np.full(len(gaps), s), surface.part_of[1][on]
-    return _found(of, gaps, points, n, part, (EDGE, EDGE), None, along), on
+        for i in range(len(e)):
+            z = np.roots([high[i], low[i], 0.0, np.conj(low[i]), np.conj(high[i])])
+            z = z[np.abs(np.abs(z) - 1.0) < tolerances.FLAT]
+            roots += [(i, side, angle) for angle in np.angle(z).tolist()]
+    edges, sides, angles = np.reshape(roots, (-1, 3)).T
+    k, cos, sin = edges.astype(np.int_), np.cos(angles), np.sin(angles)
+    u = cos[:, None] * x + sin[:, None] * y
+    a = middle + sides[:, None] * axis + u
+    t = ((a - b[k]) * d[k]).sum(axis=1)
+    n = _outwards(unit_cross(cos[:, None] * y - sin[:, None] * x, d[k])[0], surface, e[k])
+    gaps = (n * (a - b[k])).sum(axis=1)
+    is_lowest = ((n * u).sum(axis=1) <= _BESIDE) & (sides * n.dot(up) <= _BESIDE)
+    kept = is_lowest & (t >= 0.0) & (t <= length[k]) & (np.abs(gaps) <= reach)
+    kept &= _allowed_at_edges(n, surface.into[e[k]])
+    part = surface.part_of[1][e[k]]
+    found = _found(np.full(len(k), s), gaps, a, n, part, (EDGE, EDGE), None, d[k])
+    return found.taken(kept), e[k[kept]]
 
 
 def _at_corners(
@@ -598,90 +591,65 @@ def _at_corners(
     """Corners of the ground at the faces, edges and corners of shapes."""
     found = []
     for s, its in _slices(shapes):
-        bone, c = rooms.bones[s], corners[its]
-        x = surface.corners[c]
-        R, p = rooms.R[s], rooms.p[s]
-        if bone.core.half_axes is not None:
-            found.append(_at_cylinder(bone, R, p, x, s, surface, c, reach))
-            continue
-        local = (x - p).dot(R)
-        on_face = np.zeros(len(x), dtype=bool)
-        if len(bone.normals):
-            H = local.dot(bone.normals.T) - bone.heights
-            f = H.argmax(axis=1)
-            height, m = H[np.arange(len(x)), f], bone.normals[f]
-            foot = local - height[:, None] * m
-            on_face = (
-                foot.dot(bone.normals.T) - bone.heights <= tolerances.ON_FACE * bone.size
-            ).all(axis=1)  # fmt: skip
-            n = -m.dot(R.T)
-            kept = on_face & (np.abs(height) <= reach) & _leaves(surface, c, n)
-            kept &= -height <= _DEEPEST
-            found.append(
-                _found(
-                    np.full(len(x), s), height, x + height[:, None] * n, n,
-                    surface.part_of[2][c], (FACE, CORNER),
-                ).taken(kept)  # fmt: skip
-            )
-        # the nearest place on edges, or on the only corner
-        P = bone.points
-        if len(bone.ends):
-            a, b = P[bone.ends[:, 0]], P[bone.ends[:, 1]]
-            along = b - a
-            share = ((local[:, None] - a) * along).sum(axis=2) / (along**2).sum(axis=1)
-            share = np.clip(share, 0.0, 1.0)
-            off = a + share[:, :, None] * along - local[:, None]
-        else:
-            share, off, along = np.zeros((len(x), 1)), P - local[:, None], np.zeros((1, 3))
-        near = (off**2).sum(axis=2).argmin(axis=1)
-        rows = np.arange(len(x))
-        apart, n = lengths_of(off[rows, near].dot(R.T))
-        inner = (share[rows, near] > 0.0) & (share[rows, near] < 1.0)
-        kept = ~on_face & (apart > _APART) & (apart - bone.radius <= reach)
-        kept &= _leaves(surface, c, n)
-        if len(bone.normals):  # x is outside
-            kept &= H.max(axis=1) > 0.0
-        for is_edge in (True, False):
-            kind = (EDGE if is_edge else CORNER, CORNER)
-            found.append(
-                _found(
-                    np.full(len(x), s), apart - bone.radius,
-                    x + (apart - bone.radius)[:, None] * n, n, surface.part_of[2][c], kind,
-                    lengths_of(along[near])[1].dot(R.T) if is_edge else None,
-                ).taken(kept & (inner == is_edge))  # fmt: skip
-            )
+        at = _at_solid if rooms.bones[s].core.half_axes is None else _at_cylinder
+        near = at(rooms.bones[s], rooms.R[s], rooms.p[s], surface.corners[corners[its]])
+        for height, n, kind, along, here in near:
+            c = corners[its][here]
+            x, of = surface.corners[c] + height[:, None] * n, np.full(len(c), s)
+            contacts = _found(of, height, x, n, surface.part_of[2][c], (kind, CORNER), along)
+            leaves = np.matmul(surface.leaving[c], n[:, :, None]) <= _BESIDE
+            kept = leaves.all(axis=(1, 2)) & (height <= reach) & (height >= -_DEEPEST)
+            found.append(contacts.taken(kept))
     return found
 
 
-def _leaves(surface: Surface, c: Indices, n: Array) -> NDArray[np.bool_]:
-    """Flag of each normal (k, 3): the corner has it."""
-    return np.asarray((np.matmul(surface.leaving[c], n[:, :, None]) <= _BESIDE).all(axis=(1, 2)))
+# Heights of corners over features of a shape, normals, the kind of feature, its direction, and
+# which of the corners these are.
+_Near = tuple[Array, Array, int, Array | None, NDArray[np.bool_]]
 
 
-def _at_cylinder(
-    bone: Skeleton, R: Array, p: Array, x: Array, s: int, surface: Surface, c: Indices,
-    reach: float,
-) -> Found:  # fmt: skip
-    """Corners of the ground at the side, the ends and the rims of a cylinder."""
+def _at_solid(bone: Skeleton, R: Array, p: Array, x: Array) -> Iterator[_Near]:
+    """Corners x of the ground at a polytope, or the core of a ball or a capsule."""
+    local, outside = (x - p).dot(R), np.ones(len(x), dtype=bool)
+    if len(bone.normals):
+        H = local.dot(bone.normals.T) - bone.heights
+        f = H.argmax(axis=1)
+        height, m = H[np.arange(len(x)), f], bone.normals[f]
+        over = (local - height[:, None] * m).dot(bone.normals.T) - bone.heights
+        on_face = (over <= tolerances.ON_FACE * bone.size).all(axis=1)
+        yield height[on_face], -m[on_face].dot(R.T), FACE, None, on_face
+        outside = ~on_face & (height > 0.0)
+    # the nearest place on edges, or on the only corner
+    P, along = bone.points, np.zeros((1, 3))
+    share, off = np.zeros((len(x), 1)), P - local[:, None]
+    if len(bone.ends):
+        a, along = P[bone.ends[:, 0]], P[bone.ends[:, 1]] - P[bone.ends[:, 0]]
+        share = ((local[:, None] - a) * along).sum(axis=2) / (along**2).sum(axis=1)
+        share = np.clip(share, 0.0, 1.0)
+        off = a + share[:, :, None] * along - local[:, None]
+    near = (off**2).sum(axis=2).argmin(axis=1)
+    rows = np.arange(len(x))
+    apart, n = lengths_of(off[rows, near].dot(R.T))
+    outside &= apart > _APART
+    inner = np.abs(share[rows, near] - 0.5) < 0.5
+    d = lengths_of(along[near])[1].dot(R.T)
+    for kind, its in ((EDGE, outside & inner & (len(bone.ends) > 0)), (CORNER, outside & ~inner)):
+        yield apart[its] - bone.radius, n[its], kind, d[its] if kind == EDGE else None, its
+
+
+def _at_cylinder(bone: Skeleton, R: Array, p: Array, x: Array) -> Iterator[_Near]:
+    """Corners x of the ground at the side, the ends and the rims of a cylinder."""
     assert bone.core.half_axes is not None
     radius, _, half = lengths_of(bone.core.half_axes.T)[0].tolist()
     up = R.dot(lengths_of(bone.core.half_axes.T)[1][2])
     away = x - (R.dot(bone.middle) + p)
     along = away.dot(up)
-    off = away - along[:, None] * up
-    apart, out = lengths_of(off)
+    apart, out = lengths_of(away - along[:, None] * up)
+    to_end = np.sign(along)[:, None] * up
     at_side, at_end = apart - radius, np.abs(along) - half
     is_side = at_side >= at_end
-    height = np.where(is_side, at_side, at_end)
-    m = np.where(is_side[:, None], out, np.sign(along)[:, None] * up)
-    inner = np.where(is_side, at_end, at_side) <= 0.0
-    # the nearest place is on a rim
-    to_rim = np.maximum(at_side, 0.0)[:, None] * out
-    to_rim += (np.sign(along) * np.maximum(at_end, 0.0))[:, None] * up
-    beside, to_rim = lengths_of(to_rim)
+    height, m = np.maximum(at_side, at_end), np.where(is_side[:, None], out, to_end)
+    inner = np.minimum(at_side, at_end) <= 0.0
+    beside, to_rim = lengths_of(at_side[:, None] * out + at_end[:, None] * to_end)
     height, m = np.where(inner, height, beside), np.where(inner[:, None], m, to_rim)
-    kept = (inner | (beside > _APART)) & (height <= reach) & (height >= -_DEEPEST)
-    return _found(
-        np.full(len(x), s), height, x - height[:, None] * m, -m, surface.part_of[2][c],
-        (FACE, CORNER),
-    ).taken(kept & _leaves(surface, c, -m))  # fmt: skip
+    yield height, -m, FACE, None, np.ones(len(x), dtype=bool)

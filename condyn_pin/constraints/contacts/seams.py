@@ -6,8 +6,9 @@ from outside touches no other,
 
     height of x + eps n over another piece  >=  eps,
 
-or if all of the other is behind the plane n . y = n . x, or if the piece goes on past the surface of the other, as a wall does above its floor: then it is
-there behind x, where x is lifted along the normal m of that surface,
+or if all of the other is behind the plane n . y = n . x, or if the piece goes on past the surface
+of the other, as a wall does above its floor: then it is there behind x, where x is lifted along the
+normal m of that surface,
 
     x + (eps - height of x along m) m - eps n / 2    in the piece.
 """
@@ -39,9 +40,7 @@ _LEVEL: Final = 0.99
 Solid = tuple[Array, Array, Array]  # normals (f, 3), heights (f,), corners (k, 3) [m]
 
 
-def is_hidden(
-    x: Array, n: Array, eps: float, own: Solid | None, other: Solid
-) -> NDArray[np.bool_]:
+def is_hidden(x: Array, n: Array, eps: float, own: Solid | None, other: Solid) -> NDArray[np.bool_]:
     """Flag of each point x (k, 3) of a piece, with outward normals n: covered by another.
 
     Of a piece that is not convex, its own faces are None: it goes on wherever it may.
@@ -52,7 +51,7 @@ def is_hidden(
     off = at + eps * cosines
     touched = off.max(axis=1) < (1.0 - _ROUNDING) * eps
     if not touched.any():
-        return touched
+        return np.asarray(touched)
     if len(corners):
         behind = n.dot(corners.T).max(axis=1) - (n * x).sum(axis=1)
         touched &= behind > _ROUNDING * (1.0 + np.abs(x).max(axis=1))

@@ -412,9 +412,7 @@ class MeetingTurning:
 _NOWHERE: Final = Sliding(np.zeros((3, 3)), np.zeros((3, 3)), 0.0)
 
 
-def _on_ground(
-    pair: Pair, found: Found, normals: Array
-) -> Iterator[tuple[Sliding | None, float]]:
+def _on_ground(pair: Pair, found: Found, normals: Array) -> Iterator[tuple[Sliding | None, float]]:
     """Yield the motion of each place of a shape on a ground, or None, and its skin [m]."""
     r = pair.shape.radius
     for (one, two), (along, other), gap, n in zip(
