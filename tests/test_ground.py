@@ -107,6 +107,9 @@ def test_gaps_are_distances_and_rows_their_rates(shape):
             continue
         q, v = pin.SE3ToXYZQUAT(place), rng.normal(size=6)
         assert min(contact_gaps(scene, q).values()) == pytest.approx(right, abs=1e-8)
+        at(q)  # then 1 cm from what is nearest
+        first = int(candidates.exact.gaps(data, q).argmin())
+        q[:3] -= (right - 0.01) * candidates.exact.axes(data, q)[first, :, 2]
         (_, rows), (after, _), (before, _) = (
             at(pin.integrate(model, q, s * v)) for s in (0, h, -h)
         )

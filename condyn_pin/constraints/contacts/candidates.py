@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices, read_only
-from condyn_pin._core.models import z_along
-from condyn_pin._core.joints import frames_along, z_along
+from condyn_pin._core.models import frames_along, z_along
 from condyn_pin.constraints.contacts.meetings import ContactPoints, meetings
 from condyn_pin.constraints.contacts.on_ground import NEXT, REACH, Found, OnGround
 from condyn_pin.constraints.contacts.seams import Piece

@@ -296,15 +296,18 @@ def _fewer(gaps: Array, places: Array, most: int, size: float) -> Indices:
     again = np.tril(apart <= tolerances.ONE_POINT * size, -1).any(axis=1)
     if len(gaps) - again.sum() <= most:
         return np.flatnonzero(~again)
-    gaps = np.round(gaps, 12)
-    first = int(gaps.argmin())
-    costs = _STEEP * np.maximum(gaps - max(gaps[first], 0.0), 0.0)
-    costs[again], costs[first] = np.inf, np.inf
-    kept, nearest = [first], apart[first]
+    heights, rows = np.round(gaps, 12).tolist(), apart.tolist()  # few: lists are faster
+    lowest = max(min(heights), 0.0)
+    costs = [_STEEP * max(height - lowest, 0.0) for height in heights]
+    left = np.flatnonzero(~again).tolist()
+    kept = [min(left, key=heights.__getitem__)]
+    left.remove(kept[0])
+    nearest = rows[kept[0]]
     while len(kept) < most:
-        kept.append(int((nearest - costs).argmax()))
-        nearest, costs[kept[-1]] = np.minimum(nearest, apart[kept[-1]]), np.inf
-    return np.sort(kept)
+        kept.append(max(left, key=lambda i: nearest[i] - costs[i]))
+        left.remove(kept[-1])
+        nearest = list(map(min, nearest, rows[kept[-1]]))
+    return np.array(sorted(kept))
 
 
 # How much further apart contacts have to be that are higher, as a factor.
@@ -387,15 +390,7 @@ class _Separation:
 
     def __init__(self, surface: Surface, shapes: Indices, faces: Indices, above: Array) -> None:
         self._surface, self._above = surface, above
-        self._keys = shapes * len(surface.normals) + faces  # rising
-        group = self._group(shapes, surface.part_of[0][faces])
-        self._groups, of = np.unique(group, return_inverse=True)
-        self._best = np.full(len(self._groups), -np.inf)
-        np.maximum.at(self._best, of.ravel(), above)
-        self._is_convex = np.array([solid is not None for solid in surface.solids])
-
-    def _group(self, shapes: Indices, parts: Indices) -> Indices:
-        return np.asarray(shapes * len(self._surface.solids) + parts)
+        self._shapes, self._faces = shapes, faces
 
     def without_deeper(self, found: Found, beside: Indices) -> Found:
         """Contacts (k,) without those that are too deep, with the faces `beside` them (k, n)."""
@@ -404,10 +399,16 @@ class _Separation:
         return found.taken(-found.gaps <= self._most(found.of, found.part, beside))
 
     def _most(self, shapes: Indices, parts: Indices, beside: Indices) -> Array:
-        wanted = shapes[:, None] * len(self._surface.normals) + beside
-        local = np.where(beside >= 0, _at(self._keys, self._above, wanted), -np.inf)
-        of_part = _at(self._groups, self._best, self._group(shapes, parts))
-        is_convex = self._is_convex[parts]
+        surface = self._surface
+        keys = self._shapes * len(surface.normals) + self._faces  # rising
+        wanted = shapes[:, None] * len(surface.normals) + beside
+        local = np.where(beside >= 0, _at(keys, self._above, wanted), -np.inf)
+        near = self._shapes * len(surface.solids) + surface.part_of[0][self._faces]
+        groups, of = np.unique(near, return_inverse=True)
+        highest = np.full(len(groups), -np.inf)
+        np.maximum.at(highest, of.ravel(), self._above)
+        of_part = _at(groups, highest, shapes * len(surface.solids) + parts)
+        is_convex = np.array([solid is not None for solid in surface.solids])[parts]
         best = np.where(is_convex, of_part, local.max(axis=1))
         most = 2.0 * np.maximum(np.where(np.isfinite(best), -best, 0.0), 0.0) + _DEEPER
         return np.where(is_convex, most, np.minimum(most, _DEEPEST))
