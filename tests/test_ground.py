@@ -190,12 +190,12 @@ def test_a_ball_rolls_over_seams_as_on_a_plane(along, speed):
 @pytest.mark.parametrize("name", SHAPES)
 def test_what_falls_on_stairs_stays_above_them_and_gains_nothing(name):
     stairs = Ground.stairs(6, 0.06, 0.25, 1.0)
-    q, v = state(0.5, 0.02, 0.42, (0.3, 0.4, 0.5), v=(-0.5, 0, 0), w=(0, 2.0, 1.0))
-    for dt, most in ((1e-3, 2.5e-4), (5e-4, 1e-4)):
-        run = cp.simulate(on(stairs, SHAPES[name]), q, v, duration=0.4, dt=dt)
+    q, v = state(0.5, 0.02, 0.34, (0.3, 0.4, 0.5), v=(-0.5, 0, -1.0), w=(0, 2.0, 1.0))
+    for dt, most in ((1e-3, 2.5e-4), (5e-4, 1e-4))[: 1 + (name == "box")]:
+        run = cp.simulate(on(stairs, SHAPES[name]), q, v, duration=0.2, dt=dt)
         assert deepest(run) < most
         assert min(np.min(gap) for gap in run.gaps.values()) < 1e-6  # it has landed
-        assert np.diff(total(run)).max() < 1e2 * dt**2  # of 5 J
+        assert np.diff(total(run)).max() < 10.0 * dt**2  # of 5 J
 
 
 def test_a_box_on_a_rough_field_is_not_in_it():
@@ -225,10 +225,10 @@ def test_it_comes_to_rest_where_mujoco_has_it():
         q, v = state(*at, rpy)
         data.qpos[:3], data.qpos[3:] = q[:3], q[[6, 3, 4, 5]]
         data.qvel[:] = 0.0
-        for _ in range(1500):
+        for _ in range(1200):
             mujoco.mj_step(model, data)
         ground = Ground.boxes([(edges, place) for place in places])
-        run = cp.simulate(on(ground, Box(*HALF), friction=1.0), q, v, duration=1.0, dt=2e-3)
+        run = cp.simulate(on(ground, Box(*HALF), friction=1.0), q, v, duration=0.6, dt=2e-3)
         assert np.abs(run.v[-1]).max() < 1e-6
         np.testing.assert_allclose(run.q[-1, :3], data.qpos[:3], atol=2e-3)
         turned = pin.XYZQUATToSE3(run.q[-1]).rotation[:, 2]
@@ -271,7 +271,7 @@ def test_robots_are_put_down_on_a_ground_along_gravity():
     stairs = Ground.stairs(4, 0.05, 0.2, 1.0, at=(-0.3, 0.0, 0.0)) + Ground.plane()
     scene = cp.Scene(solo, contacts=solo.collisions(0.7, ground=stairs))
     for start in ((0.1, 0.02, -0.5), (0.1, 0.02, 3.0)):  # from inside, and from far above
-        q = solo.configuration()
+        q = scene.state()[0]
         q[:3] = start
         placed = place_on_ground(scene, q)
         np.testing.assert_array_equal(placed[[0, 1, *range(3, 19)]], q[[0, 1, *range(3, 19)]])
@@ -292,7 +292,7 @@ def test_go2_lands_on_stairs():
     def motors(t, q, v):
         return np.append(np.zeros(6), 100.0 * (stand[7:] - q[7:]) - 3.0 * v[6:])
 
-    run = cp.simulate(scene, q, v, motors, duration=0.1, dt=1e-3)
+    run = cp.simulate(scene, q, v, motors, duration=0.06, dt=1e-3)
     assert deepest(run) < 2.5e-4
     assert run.q[-1, 2] > stand[2] - 0.1
     loaded = {name.split("/")[0] for name, gap in run.gaps.items() if gap[-1] < 1e-5}
@@ -408,17 +408,14 @@ def test_shapes_that_overlap_from_the_start_are_named_with_the_cure():
     assert len(solo.self_collisions(0.3, without=cure)) > 50
 
 
-def test_a_leg_stops_at_the_trunk():
+def test_legs_stop_at_the_trunk():
     go2 = cp.load_robot("go2")
-    links = ["base", "FL_calf", "FL_foot"]
-    scene = cp.Scene(go2, contacts=go2.self_collisions(0.3, shapes=links))
+    calves = [f"{leg}_calf" for leg in ("FL", "FR", "RL", "RR")]
+    scene = cp.Scene(go2, contacts=go2.self_collisions(0.3, shapes=["base", *calves]))
     q, v = scene.state()
-    tau = go2.joint_vector({"FL_thigh_joint": -20.0})
-    tau[2] = 9.81 * go2.mass
-    run = cp.simulate(scene, q, v, tau, duration=0.12, dt=1e-3)
-    gaps = np.array([*run.gaps.values()])
-    assert gaps.min() > -2.5e-4
-    assert np.nanmin(gaps[:, -1]) < 1e-3 or gaps.min() < 1e-5  # they have met
+    hips = np.repeat([-8.0, 8.0, -8.0, 8.0], 3) * np.tile([1.0, 0.0, 0.0], 4)
+    run = cp.simulate(scene, q, v, np.append(np.zeros(6), hips), duration=0.1, dt=1e-3)
+    assert -2.5e-4 < -deepest(run) < 1e-6  # they have met
 
 
 def test_fine_shapes_meet_as_coal_has_them():

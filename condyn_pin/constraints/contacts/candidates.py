@@ -13,7 +13,7 @@ from collections.abc import Iterator, Sequence
 from copy import copy
 from functools import cached_property
 from itertools import accumulate
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,9 +22,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices, read_only
 from condyn_pin._core.models import frames_along, z_along
-from condyn_pin.constraints.contacts.meetings import ContactPoints, meetings
-from condyn_pin.constraints.contacts.on_ground import NEXT, REACH, Found, OnGround
-from condyn_pin.constraints.contacts.seams import Piece
+from condyn_pin.constraints.contacts.meetings import NEXT, REACH, ContactPoints, meetings
 from condyn_pin.constraints.contacts.shapes import Core, lengths_of
 from condyn_pin.constraints.contacts.touches import (
     BoundContact,
@@ -37,6 +35,10 @@ from condyn_pin.constraints.contacts.touches import (
     relative_rows,
 )
 from condyn_pin.constraints.rows.cables import Lines
+
+if TYPE_CHECKING:
+    from condyn_pin.constraints.contacts.on_ground import Found
+    from condyn_pin.constraints.contacts.seams import Piece
 
 
 class Candidates:
@@ -393,6 +395,8 @@ class ShapesOnGround:
     """
 
     def __init__(self, pairs: Sequence[Pair], its: Sequence[int], *, exact: bool) -> None:
+        from condyn_pin.constraints.contacts.on_ground import OnGround
+
         self._its, self._exact, mine = its, exact, [pairs[i] for i in its]
         assert mine[0].surface is not None
         self._contacts = OnGround([pair.shape for pair in mine], mine[0].surface)
@@ -473,6 +477,8 @@ def pieces_of(pairs: Sequence[Pair]) -> Iterator[tuple[Piece, ...]]:
 
     What is beside a piece counts where it meets the same other body.
     """
+    from condyn_pin.constraints.contacts.seams import Piece
+
     groups: dict[tuple[int, int], list[tuple[Core, Core]]] = {}
     for pair in pairs:
         cores = pair.shape.placed(pair.placement), pair.ground_shape.placed(pair.ground_placement)

@@ -146,12 +146,20 @@ class Ground:
 
     @classmethod
     def plane(cls, normal: Sequence[float] = (0.0, 0.0, 1.0), height: float = 0.0) -> Ground:
-        """Return the half-space n . x <= height [m], z = 0 by default."""
+        """Return the half-space n . x <= height, z = 0 by default.
+
+        Parameters
+        ----------
+        normal : (3,) sequence of float
+            Out of the ground; any length.
+        height : float
+            Of the plane, along the normal from the origin [m].
+        """
         return cls((Plane(tuple(normal), height),))  # type: ignore[arg-type]
 
     @classmethod
     def boxes(cls, boxes: Iterable[tuple[Sequence[float], Any]]) -> Ground:
-        """Return boxes, each its three edges [m] and where its middle is.
+        """Return boxes, each its three edges and where its middle is.
 
         Parameters
         ----------
@@ -356,6 +364,8 @@ class Surface:
     def _is_covered(self, kind: int, i: int) -> bool:
         """True if one part covers all of a face, edge or corner of another, whatever the normal."""
         part, box = self.part_of[kind][i], self.boxes[kind][i]
+        if not np.isfinite(box).all():
+            return False
         places, normals = [*np.array([*product(*box.T)]), box.mean(axis=0)], self.normals[i : i + 1]
         if kind == 1:
             one, two = self.normals[self.faces_of_edges[i]]
@@ -365,7 +375,7 @@ class Surface:
             normals = -self.leaving[i].sum(axis=0, keepdims=True)
         n = lengths_of(normals)[1]
         x, n = np.repeat(places, len(n), axis=0), np.tile(n, (len(places), 1))
-        return np.isfinite(x).all() and any(
+        return any(
             is_hidden(x, n, WIDTH, self.solids[part], solid).all()
             for other in self.beside(part, WIDTH).tolist()
             if (solid := self.solids[other]) is not None

@@ -38,11 +38,15 @@ from condyn_pin.constraints.contacts.shapes import (
 _SOLID: Final = 8  # two quadrangles cut each other in an octagon
 _CAPSULES: Final = 5  # four ends, and a crossing
 _CAPSULE_ON_SOLID: Final = 4  # two ends, and two edges
+_BALL_ON_GROUND, _CAPSULE_ON_GROUND = 4, 6
 _CYLINDER_ON_PLANE: Final = 6  # the lowest of each rim, and four of the lower one
 
 # Corners that are higher than the lowest one of their solid by less are next to touch, as a share
 # of its size: a facet of a fine mesh tips over one of its edges by as much.
-_NEXT: Final = 1e-2
+NEXT: Final = 1e-2
+# Beyond this distance shapes are not looked at closely: a step of 1 ms at 20 m/s [m].
+REACH: Final = 0.02
+
 _FEWEST: Final = 4  # corners, whether they are in this band or not
 
 
@@ -91,6 +95,13 @@ def most_meetings(A: Core, B: Core) -> int:
     if A.is_solid and B.is_solid:
         return _SOLID
     return _CAPSULE_ON_SOLID if A.is_solid or B.is_solid else _CAPSULES
+
+
+def most_on_ground(A: Core) -> int:
+    """Largest number of contact points of a shape on a ground."""
+    if A.half_axes is not None:
+        return _SOLID
+    return {1: _BALL_ON_GROUND, 2: _CAPSULE_ON_GROUND}.get(len(A.vertices), _SOLID)
 
 
 def meetings(A: Core, B: Core) -> ContactPoints:
@@ -151,7 +162,7 @@ def _lowest_corners(points: Array, gaps: Array, size: float) -> Indices:
     if gaps.min() > size:
         return np.array([np.round(gaps, 12).argmin()])
     order = np.round(gaps, 12).argsort(kind="stable")[: 8 * _SOLID]
-    level = order[gaps[order] <= gaps[order[0]] + _NEXT * size]
+    level = order[gaps[order] <= gaps[order[0]] + NEXT * size]
     kept, apart = [int(order[0])], np.full(len(level), np.inf)
     while len(kept) < min(_SOLID, len(level)):
         apart = np.minimum(apart, ((points[level] - points[kept[-1]]) ** 2).sum(axis=1))

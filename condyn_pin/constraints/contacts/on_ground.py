@@ -28,19 +28,12 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.ground import Surface
-from condyn_pin.constraints.contacts.meetings import lowest_points
+from condyn_pin.constraints.contacts.meetings import NEXT, REACH, lowest_points, most_on_ground
 from condyn_pin.constraints.contacts.seams import WIDTH, is_hidden
 from condyn_pin.constraints.contacts.shapes import Core, Indices, lengths_of, unit_cross
 
-# Steps look for the ground this far around each shape: at 20 m/s it is a step of 1 ms [m].
-REACH: Final = 0.02
-
 # What is near is looked for again when a shape has moved by this [m].
 _SLACK: Final = 0.05
-
-# Corners that are higher than the lowest one of their shape by less are next to touch, as a share
-# of its size.
-NEXT: Final = 1e-2
 
 # A contact may be deeper than the way out beside it by a factor of two, and this [m].
 _DEEPER: Final = 1e-5
@@ -53,8 +46,6 @@ _BESIDE: Final = 1e-9
 
 # Corners beside corners or edges have a normal from this distance on [m].
 _APART: Final = 1e-9
-
-BALL, CAPSULE, SOLID, CYLINDER = 4, 6, 8, 8  # the places of shapes
 
 # Features of the shape and of the ground at a contact.
 CORNER, EDGE, FACE = 0, 1, 2
@@ -90,13 +81,6 @@ class Skeleton(NamedTuple):
     places: int
 
 
-def places_of(core: Core) -> int:
-    """How many contact points a shape may have on a ground."""
-    if core.half_axes is not None:
-        return CYLINDER
-    return {1: BALL, 2: CAPSULE}.get(len(core.vertices), SOLID)
-
-
 def skeleton_of(core: Core) -> Skeleton:
     """Skeleton of a shape: of a solid, the hull of its corners."""
     V, none = core.vertices, np.zeros((0, 2), dtype=np.int_)
@@ -124,7 +108,7 @@ def skeleton_of(core: Core) -> Skeleton:
     size = float((high - low).max())
     return Skeleton(
         core, V, core.radius, width, ends, along, beside, normals, heights, (low + high) / 2.0,
-        (high - low) / 2.0, size, places_of(core),
+        (high - low) / 2.0, size, most_on_ground(core),
     )  # fmt: skip
 
 
