@@ -24,6 +24,7 @@ from condyn_pin.constraints import (
 )
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics import contact_gaps
+from condyn_pin.dynamics.compiled import why_not_contacts
 from condyn_pin.errors import (
     InvalidArgument,
     InvalidModel,
@@ -361,9 +362,17 @@ def test_what_is_no_ground_is_refused():
         on(WORLD, Ball(0.1)).closed()
 
 
+def test_the_compiled_core_refuses_grounds_and_fine_pairs_by_name():
+    assert [*why_not_contacts(on(WORLD, Ball(0.1)))] == ["box: shapes on a Ground"]
+    go2 = cp.load_robot("go2")
+    pairs = go2.self_collisions(0.3, shapes=["FL_foot", "FR_foot"])
+    (why,) = why_not_contacts(cp.Scene(go2, contacts=pairs))
+    assert why.startswith("FL_foot - FR_foot: shapes of many edges")
+
+
 def test_grounds_are_values(tmp_path):
     z = np.random.default_rng(0).random((4, 5))
-    ground = WORLD + Ground.heightfield(z, (1.0, 2.0)) + Ground.plane((0.0, 0.1, 1.0), -0.3)
+    ground = WORLD + Ground.heightfield(z, (1.0, 2.0)) + Ground.plane(height=-0.3)
     again = pickle.loads(pickle.dumps(ground))
     assert again == ground
     assert hash(again) == hash(ground)

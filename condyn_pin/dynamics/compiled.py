@@ -382,6 +382,8 @@ def why_not_contacts(scene: Scene) -> Iterator[str]:
         yield f"{listed(cables)}: cables"
     if on_ground := [pair.name for pair in pairs if pair.surface is not None]:
         yield f"{listed(on_ground)}: shapes on a Ground"
+    if fine := [p.name for p in pairs if p.shape.is_fine or p.ground_shape.is_fine]:
+        yield f"{listed(fine)}: shapes of many edges, of which it would look at each"
     if wanders := [pair.name for pair in pairs if pair.ground_shape.is_plane]:
         yield f"{listed(wanders)}: contact points over a plane that depend on how a shape is turned"
     at_seams = [pair.name for pair, pieces in zip(pairs, pieces_of(pairs), strict=True) if pieces]

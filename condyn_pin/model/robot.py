@@ -568,7 +568,7 @@ class Robot:
         return replace(self, model=robot_joints.model_with_limits(self, limits))
 
     def frictional_contacts(
-        self, friction: float, *, on: Plane | None = None
+        self, friction: float, *, on: Plane | Ground | None = None
     ) -> tuple[FrictionalContact, ...]:
         """Return the robot's contacts as ones that may open and slide, for `Scene(contacts=...)`.
 
@@ -578,7 +578,7 @@ class Robot:
         ----------
         friction : float
             Coulomb's coefficient [1].
-        on : Plane, optional
+        on : Plane or Ground, optional
             The ground; z = 0 of the world by default.
 
         Raises

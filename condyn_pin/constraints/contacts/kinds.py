@@ -12,6 +12,7 @@ from condyn_pin.constraints.contacts.contact import Contact, Mode
 from condyn_pin.constraints.contacts.frictional_contact import (
     FrictionalContact as FrictionalContact,
 )
+from condyn_pin.constraints.contacts.ground import Ground
 from condyn_pin.constraints.contacts.joint_friction import JointFriction as JointFriction
 from condyn_pin.constraints.contacts.joint_limit import JointLimit as JointLimit
 from condyn_pin.constraints.contacts.shapes import Ball, Plane, Point
@@ -71,7 +72,7 @@ def held_contacts(
 
 
 def feet_of(
-    contacts: Sequence[Constraint], friction: float, on: Plane | None
+    contacts: Sequence[Constraint], friction: float, on: Plane | Ground | None
 ) -> tuple[FrictionalContact, ...]:
     """Contacts of a robot as contacts that may open, by their points."""
     for contact in contacts:
