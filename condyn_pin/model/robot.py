@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
     from condyn_pin.constraints.contacts.joint_friction import JointFriction
     from condyn_pin.constraints.contacts.joint_limit import JointLimit
+    from condyn_pin.constraints.loop import Loop
 
 
 # What the fields of a Robot have to be.
@@ -533,6 +534,12 @@ class Robot:
     def with_loops(self, *loops: Constraint) -> Robot:
         """Return a robot with more loops and couplings."""
         return replace(self, loops=(*self.loops, *loops))
+
+    def with_whole_joints(self, *loops: str | Loop) -> Robot:
+        """Return a robot in whose tree the joints of loops are, by the names of the loops."""
+        from condyn_pin.model.whole_joints import with_whole_joints
+
+        return with_whole_joints(self, loops)
 
     def with_contacts(self, *contacts: Constraint) -> Robot:
         """Return a robot with more ready-made contacts."""
