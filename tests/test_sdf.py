@@ -229,21 +229,28 @@ def test_damping_springs_and_friction_go_where_they_belong(read):
     assert row.limit == 7
 
 
-def test_what_a_cut_joint_cannot_do_is_reported(read):
-    lost = "<damping>1</damping><friction>2</friction><spring_stiffness>3</spring_stiffness>"
-    for kind, words in (("ball", ()), ("revolute", ("limits",))):
-        robot = read(
-            "".join(map(link, "abc"))
-            + joint("ab", "a", "b")
-            + joint("ac", "a", "c")
-            + joint("cut", "b", "c", kind, axis("<upper>1</upper>", lost)),
-            cut=["cut"],
-        )
-        assert springs(robot) == {}
-        assert robot.unmodelled == tuple(
-            f"joint {setting}: 'cut'" for setting in ("friction", "damping", "spring", *words)
-        )
-    assert robot.unused == ()
+@pytest.mark.parametrize("kind", ["ball", "revolute", "prismatic"])
+def test_a_cut_joint_keeps_its_settings(read, kind):
+    kept = "<damping>1</damping><friction>2</friction><spring_stiffness>3</spring_stiffness>"
+    description = read(
+        "".join(map(link, "abc"))
+        + joint("ab", "a", "b")
+        + joint("ac", "a", "c")
+        + joint("cut", "b", "c", kind, axis("<upper>1</upper><effort>9</effort>", kept)),
+        cut=["cut"],
+    )
+    robot, scalar = description.robot(name="abc"), kind != "ball"
+    (weld,) = robot.loops
+    joint_, model = robot.model.joints[robot.model.getJointId("cut")], robot.model
+    rows = slice(joint_.idx_v, joint_.idx_v + joint_.nv)
+    assert (weld.name, weld.kind, joint_.nv) == ("cut_weld", "weld", 1 if scalar else 3)
+    assert (model.damping[rows] == 1).all()
+    assert JointFriction("cut") in robot.frictions()
+    assert springs(robot) == ({"cut": (3.0, 0.0)} if scalar else {})
+    assert ([limit.joint for limit in robot.limits()] == ["cut"]) == scalar
+    assert not scalar or model.effortLimit[rows] == 9
+    assert robot.unmodelled == (() if scalar else ("joint spring: 'cut'",))
+    assert robot.unused[1:] == (() if scalar else ("joint limits that the type has not: 'cut'",))
 
 
 def test_settings_of_a_fixed_joint_change_nothing(read):

@@ -35,8 +35,7 @@ BARS = (
 CLOSED = {
     "one more parent": (
         '<joint name="c" type="revolute"><parent link="rocker"/><child link="pin"/>'
-        f'<origin xyz="{END}"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" '
-        'velocity="1"/></joint>'
+        f'<origin xyz="{END}"/><axis xyz="0 1 0"/></joint>'
     ),
     "an axis in the parent": (
         '<loop_joint name="c" type="revolute"><parent link="coupler"/><child link="rocker"/>'
@@ -138,10 +137,44 @@ def test_what_is_wrong_with_a_loop_is_said(sentence):
         bars(LOST[sentence])
 
 
-def test_damping_of_a_joint_that_is_cut_is_not_modelled():
-    text = CLOSED["one more parent"].replace("<axis", '<dynamics damping="0.3"/><axis')
-    with pytest.warns(UnmodelledWarning, match="bars: .*damping of joint 'c'"):
-        robot = bars(text)
+OF_A_URDF = '<dynamics damping="0.3" friction="0.1"/><limit upper="1" effort="8"/>'
+OF_AN_SDF = (
+    "<dynamics><damping>0.3</damping><friction>0.1</friction></dynamics>"
+    "<limit><lower>0</lower><upper>1</upper><effort>8</effort></limit></axis>"
+)
+
+
+@pytest.mark.parametrize("how", CLOSED)
+def test_a_joint_that_is_cut_keeps_its_settings(how):
+    text = CLOSED[how].replace("continuous", "revolute")
+    if how == "in a gazebo element":
+        text = text.replace("</axis>", OF_AN_SDF)
+    else:
+        text = text.replace("<axis", f"{OF_A_URDF}<axis").replace("<parent_axis", f"{OF_A_URDF}<parent_axis")
+    robot = bars(text)
+    model, i = robot.model, robot.index_v("c")
+    assert [loop.name for loop in robot.loops] == ["c_weld"]
+    assert (model.damping[i], model.effortLimit[i]) == (0.3, 8.0)
+    assert (model.lowerPositionLimit[i], model.upperPositionLimit[i]) == (0.0, 1.0)
+    assert [each.joint for each in robot.frictions()] == ["c"]
+    assert_same_motion_but_c(robot)
+
+
+def assert_same_motion_but_c(robot: cp.Robot) -> None:
+    scene, plain = cp.Scene(robot, robot.loops), by_hand("hinge", "y")
+    own = [robot.index_v(joint) for joint in plain.robot.joints]
+    start = robot.configuration({"crank": 0.2})
+    q = scene.assemble(start, fixed=["crank"], within_limits=False).q
+    v = cp.mechanism.project_velocity(scene, q, robot.joint_vector({"crank": 1.0}))
+    tau = robot.joint_vector({"crank": 0.3})
+    a, wanted = cp.solve(scene, q, v, tau).a[own], cp.solve(plain, q[own], v[own], tau[own]).a
+    np.testing.assert_allclose(a, wanted, rtol=0, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_settings_of_a_joint_with_two_axes_are_not_modelled():
+    text = CLOSED["an axis in the parent"].replace("revolute", "cylindrical")
+    with pytest.warns(UnmodelledWarning, match="bars: .*settings of the joint 'c'"):
+        robot = bars(text.replace("<axis", f"{OF_A_URDF}<axis"))
     (said,) = robot.unmodelled
     assert said in str(cp.Scene(robot, robot.loops).summary())
     assert "changes the motion, and is not modelled" in robot._repr_html_()

@@ -71,7 +71,7 @@ from condyn_pin._core.arrays import Array, finite, text_of
 from condyn_pin._core.models import rotation_fault, z_along
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.places import FrameLike, place_of, set_frames, short_frames
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, UnknownName, unknown_name
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.bound import BoundConstraint
@@ -321,6 +321,16 @@ class FramedModel(Protocol):
 
     def frame(self, name: FrameLike) -> tuple[int, Any]:
         """Return the joint that carries a frame and its placement on it, or raise UnknownName."""
+
+
+def no_joint(machine: Machine, name: str) -> UnknownName:
+    """Error for a name that no joint has, with the cure where a loop has it."""
+    if any(loop.name == name for loop in getattr(machine, "loops", ())):
+        return UnknownName(
+            f"no joint named {name!r}: it closes a loop, and has no coordinate; "
+            f"robot.with_whole_joints({name!r}) gives it one"
+        )
+    return unknown_name("joint", name, machine.joints)
 
 
 class MjcfGeomWriter(Protocol):

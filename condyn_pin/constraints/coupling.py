@@ -20,10 +20,11 @@ from condyn_pin.constraints.constraint import (
     MjcfWriter,
     check_size,
     floats,
+    no_joint,
     text,
 )
 from condyn_pin.constraints.rows.special import BoundCoupling
-from condyn_pin.errors import InvalidArgument, InvalidConstraint, unknown_name
+from condyn_pin.errors import InvalidArgument, InvalidConstraint
 
 _MJCF_DEGREE = 4  # of its polynomials
 
@@ -131,7 +132,7 @@ class Coupling(Constraint):
         """Return the joints of the coupling."""
         for joint in self.joints:
             if joint not in machine.joints:
-                raise unknown_name("joint", joint, machine.joints)
+                raise no_joint(machine, joint)
         return tuple(machine.model.getJointId(joint) for joint in self.joints)
 
     def acting(self, *, swapped: bool) -> tuple[str, str, str]:
@@ -216,7 +217,7 @@ def _weights(given: Any) -> tuple[tuple[str, float], ...]:
 def one_coordinate(machine: FramedModel, name: str, of: str) -> Any:
     """Joint of the model with one coordinate, for a constraint of some name, or raise."""
     if name not in machine.joints:
-        raise unknown_name("joint", name, machine.joints)
+        raise no_joint(machine, name)
     joint = machine.model.joints[machine.model.getJointId(name)]
     if joint.nq != 1 or joint.nv != 1:
         raise InvalidConstraint(

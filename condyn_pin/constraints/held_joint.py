@@ -7,10 +7,16 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from condyn_pin._core.arrays import finite
-from condyn_pin.constraints.constraint import Constraint, FramedModel, MjcfWriter, check_size, text
+from condyn_pin.constraints.constraint import (
+    Constraint,
+    FramedModel,
+    MjcfWriter,
+    check_size,
+    no_joint,
+    text,
+)
 from condyn_pin.constraints.coupling import one_coordinate
 from condyn_pin.constraints.rows.special import BoundCoupling
-from condyn_pin.errors import unknown_name
 
 
 @dataclass(frozen=True)
@@ -73,7 +79,7 @@ class HeldJoint(Constraint):
     def sides(self, machine: FramedModel) -> tuple[int, ...]:
         """Return the joint and its parent."""
         if self.joint not in machine.joints:
-            raise unknown_name("joint", self.joint, machine.joints)
+            raise no_joint(machine, self.joint)
         joint = machine.model.getJointId(self.joint)
         return joint, int(machine.model.parents[joint])
 

@@ -25,6 +25,7 @@ from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.io.load import Description, implausible_inertias
 from condyn_pin.io.sdf_file import Joint, Link, SdfModel, parse
 from condyn_pin.io.sdf_tree import (
+    MOTOR,
     SdfTree,
     chosen_joints,
     coupling_of,
@@ -35,6 +36,7 @@ from condyn_pin.io.sdf_tree import (
 )
 from condyn_pin.io.xml import place
 from condyn_pin.model.springs import Spring
+from condyn_pin.model.whole_joints import Settings
 
 # Settings of joints that change nothing, or that a scene adds, and those that change the motion.
 _FRICTION: Final = "joint friction, which robot.frictions() adds to the contacts of a scene"
@@ -80,7 +82,7 @@ def read_sdf(
     cut : sequence of str
         Joints to cut, each in a loop. By default the reader chooses.
     actuated : sequence of str
-        Joints with a motor, which are never cut: a motor needs a coordinate.
+        Joints with a motor, which are cut last: a motor needs a coordinate.
     as_file : bool
         Open loops as Pinocchio's C++ parser does: every joint is in the tree, and the links with n
         parent joints are there n times, each with m/n and I/n, and welded. A gearbox is a hinge
@@ -108,7 +110,9 @@ def read_sdf(
     Notes
     -----
     A loop is cut at its joint of most freedom: a ball before a hinge or slider, those before a
-    fixed joint; among equals at one without spring, then at the last of the file. A universal
+    fixed joint; among equals at one without spring, then at the last of the file. A joint that is
+    cut and has a motor, a spring, damping, friction or limits is whole all the same, as
+    `Robot.with_whole_joints` makes it. A universal
     joint is two hinges, ``name_axis`` and ``name_axis2``, which are not cut, and neither are
     screws, the hinges of a gearbox, and joints that mimic or are mimicked.
 
@@ -158,7 +162,7 @@ def read_sdf(
             tree.model.gravity.linear = sdf.gravity
         settings: dict[str, list[str]] = {what: [] for what in (*_SMALL, *_LARGE)}
         for joint in (*joints, *gearboxes):
-            for what in _unused_settings(joint, joint not in (*spanned.cut, *gearboxes)):
+            for what in _unused_settings(joint, joint not in gearboxes):
                 settings[what].append(joint.name)
         said = {what: f"{what}: {quoted_names(names)}" for what, names in settings.items() if names}
         return Description(
@@ -194,6 +198,12 @@ def read_sdf(
                 *(text for what, text in said.items() if what in _LARGE),
             ),
             lost_rows=sdf.lost_rows,
+            whole={
+                joint.name: its
+                for joint in closing
+                if joint.kind != "fixed"
+                and ((its := _settings(joint)).act or joint.name in actuated)
+            },
             exclusions=sdf.exclusions,
         )
 
@@ -210,7 +220,7 @@ def _tree_joints(
     for name in actuated:
         if name not in names:
             raise unknown_name("joint", name, names)
-    kept = dict.fromkeys(actuated, "is actuated")
+    kept = dict.fromkeys(actuated, MOTOR)
     for what, couplings in (("a hinge of the gearbox", geared), ("in the <mimic>", mimics)):
         for coupling in couplings:
             for name in coupling.joints:
@@ -246,6 +256,21 @@ def _unused_parts(
         yield f"joints between links that cannot move against each other: {quoted_names(idle)}"
     if any(not pose.isIdentity() for pose in root_poses):
         yield "pose of the root link in the file: the root joint's configuration replaces it"
+
+
+def _settings(joint: Joint) -> Settings:
+    """Settings of a joint that closes a loop."""
+    axis, bounded = joint.axis, joint.kind in ("revolute", "prismatic")
+    return Settings(
+        lower=axis.lower if bounded else -inf,
+        upper=axis.upper if bounded else inf,
+        effort=axis.effort,
+        velocity=axis.velocity,
+        damping=axis.damping,
+        friction=axis.friction,
+        stiffness=axis.stiffness if joint.has_axis else 0.0,
+        reference=axis.reference,
+    )
 
 
 def _unused_settings(joint: Joint, hanging: bool) -> Iterator[str]:

@@ -257,7 +257,8 @@ def span(
     cut: Sequence[str],
 ) -> SpanningTree:
     """Return the trees that these joints make from their roots to every link of the file."""
-    # `kept` has the joints that must not be cut, each with the reason; `cut` those that must be.
+    # `kept` has the joints that must not be cut, each with the reason, a motor if there is another
+    # choice; `cut` those that must be.
     for name in cut:
         if name not in [joint.name for joint in joints]:
             raise unknown_name("joint", name, [joint.name for joint in joints])
@@ -292,7 +293,7 @@ def span(
             "that connects them, or leave them out of the file"
         )
     opened = tuple(joint for joint in joints if joint.name not in names)
-    _check_cuts(names, opened, kept, cut)
+    _check_cuts(names, opened, {name: why for name, why in kept.items() if why != MOTOR}, cut)
     return SpanningTree(tuple(trees), opened, tuple(backwards))
 
 
@@ -380,6 +381,8 @@ def _check_cuts(
                 "one out with drop"
             )
 
+
+MOTOR: Final = "is actuated"  # the reason to keep a joint that is cut where its loop has no other
 
 _LOOP_KINDS: Final[Mapping[str, LoopKind]] = {
     "ball": "ball",

@@ -187,8 +187,20 @@ class _Reader:
             model,
             loops=(*couplings, *(beside.loops or named), *close(model, cuts)),
             unused=(*told, *idle, *beside.unused()),
-            unmodelled=tuple(self._unmodelled()),
+            unmodelled=(
+                *self._unmodelled(),
+                *(
+                    f"settings of the joint {cut.name!r}, which closes a loop, by its two axes"
+                    for cut in cuts
+                    if cut.kind == "cylindrical" and cut.settings.act
+                ),
+            ),
             lost_rows=tuple(self._others(_CLOSURES)),
+            whole={
+                cut.name: cut.settings
+                for cut in cuts
+                if cut.kind in ("hinge", "slider", "ball") and cut.settings.act
+            },
             actuated=beside.motors or motors,
             name=robot.attrib["name"],
         )
@@ -433,7 +445,7 @@ class _Reader:
         yield from implausible_inertias(_bodies(self.links))
 
     def _unmodelled(self) -> Iterator[str]:
-        """Unmodelled effects on the motion, of Gazebo and of cut joints, a phrase each."""
+        """Unmodelled effects of Gazebo and of others on the motion, a phrase each."""
         gazebos = self.robot.findall("gazebo")
         for tag in _OF_GAZEBO:
             where = [
@@ -459,11 +471,6 @@ class _Reader:
         if acting:
             yield f"plugins that may drive it or push ({short_list(acting)})"
         yield from self._others(_OF_OTHERS)
-        for name, joint in self.cut.items():
-            found = joint.find("dynamics")
-            lost = [] if found is None else [k for k, x in found.attrib.items() if float(x)]
-            if lost:
-                yield f"{' and '.join(lost)} of joint {name!r}, at which a loop is cut"
 
     def _others(self, tags: Iterable[str]) -> Iterator[str]:
         """Unread elements of these tags, with their number."""

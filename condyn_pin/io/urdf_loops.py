@@ -36,6 +36,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from pathlib import Path
 from reprlib import repr as shortened  # aliases of a YAML may nest without end
 from typing import Any, Final, get_args
@@ -50,6 +51,7 @@ from condyn_pin._core.models import z_along
 from condyn_pin.constraints.loop import Loop, LoopKind, axis_of
 from condyn_pin.errors import InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.xml import find, floats, label, place
+from condyn_pin.model.whole_joints import Settings
 
 _JOINTS: Final[Mapping[str, LoopKind]] = {
     "revolute": "hinge", "continuous": "hinge", "hinge": "hinge", "prismatic": "slider",
@@ -70,6 +72,7 @@ class LoopJoint:
     one: Any  # the frame on the parent; None if it coincides with the other one as drawn
     two: Any  # that on the child, likewise
     oriented: bool  # whether the axes of `two` are the file's; else they are those of `one`
+    settings: Settings  # its limits, damping and friction
 
 
 def cuts_of(robot: Element, beside: Iterable[Element]) -> Iterator[LoopJoint]:
@@ -154,7 +157,23 @@ def _cut(
         raise InvalidModel(f"a <{element.tag}> that closes a loop has no name; give it one")
     if kind not in _JOINTS:
         raise InvalidModel(f"{label(element)}: {unknown_name('type of a loop', kind, _JOINTS)}")
-    return LoopJoint(name, _JOINTS[kind], *links, one, two, oriented)
+    return LoopJoint(name, _JOINTS[kind], *links, one, two, oriented, _settings(element))
+
+
+def _settings(joint: Element) -> Settings:
+    """Limits, damping and friction of a joint: attributes in a URDF, elements of an axis in SDF."""
+    kind, numbers = joint.get("type", ""), dict[str, float]()
+    ends = {} if kind == "continuous" else {"lower": -inf, "upper": inf}
+    keys = {"limit": ("effort", "velocity", *ends), "dynamics": ("damping", "friction")}
+    for tag, element in ((tag, find(joint, at)) for tag in keys for at in (tag, f"axis/{tag}")):
+        if element is None:
+            continue
+        if tag == "limit" and {"lower", "upper"} & element.attrib.keys():
+            numbers |= dict.fromkeys(ends, 0.0)  # of the format, for the one that is left out
+        for key in keys[tag]:
+            if text := element.get(key) or element.findtext(key):
+                numbers[key] = floats(text, 1, f"<{tag} {key}>", infinite=True)[0]
+    return Settings(**numbers)
 
 
 def _ends(element: Element) -> tuple[str, str]:

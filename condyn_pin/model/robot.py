@@ -17,8 +17,8 @@ from condyn_pin._core._pin import dry_friction, pin, set_numbers, without_infini
 from condyn_pin._core.arguments import Arguments, check_type, count_text, normalised
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.models import rotation_fault
-from condyn_pin.constraints.constraint import Constraint, check_size
 from condyn_pin.constraints.contacts.ground import Ground
+from condyn_pin.constraints.constraint import Constraint, check_size, no_joint
 from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.constraints.kinds import of_loops
 from condyn_pin.constraints.places import WORLD, FrameLike, find_frame, with_joint_names
@@ -93,6 +93,9 @@ def check_precision(precision: Any) -> None:
 
 def check_joints(robot: Robot) -> None:
     """Raise UnknownName, InvalidArgument or InvalidModel unless motors and springs have joints."""
+    for joint in (*robot.actuated, *(spring.joint for spring in robot.springs)):
+        if joint in [loop.name for loop in robot.loops] and joint not in robot.joints:
+            raise no_joint(robot, joint)
     for joint in robot.actuated:
         joint_of(robot.model, joint)
         if robot.actuated.count(joint) > 1:
@@ -536,7 +539,43 @@ class Robot:
         return replace(self, loops=(*self.loops, *loops))
 
     def with_whole_joints(self, *loops: str | Loop) -> Robot:
-        """Return a robot in whose tree the joints of loops are, by the names of the loops."""
+        """Return a robot in whose tree the joints that close loops are joints like the others.
+
+        A `Loop` holds two bodies together and has no coordinate. Here its joint is in q and v by
+        the name of the loop, so that stops, springs, dampers, friction, motors, rotors and drives
+        act in it as in any joint. The body behind it is cut instead: the joint carries a piece of
+        that body, and a weld ``NAME_weld`` in place of the loop holds the rest. The motion and the
+        wrench in the joint are those of the machine, whichever of its joints closes the loop.
+
+        Parameters
+        ----------
+        *loops : str or Loop
+            Names of `loops` that are hinges, sliders, cylindrical or universal joints, or balls; or
+            such loops themselves, which replace those between the same two frames.
+
+        Returns
+        -------
+        Robot
+            A cylindrical joint is ``NAME_slide`` and ``NAME_turn``, a universal one ``NAME_axis``
+            and ``NAME_axis2``. Coordinates count `frame_b` relative to `frame_a`, and are zero
+            where their axes coincide; postures have them, angles between -pi and pi. In a motion
+            they count turns.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such loop; the text lists the nearest names.
+        InvalidArgument
+            If a loop is of another kind.
+        InvalidModel
+            If neither body has an inertia that the joint would move, or its name is taken.
+
+        Notes
+        -----
+        A weld has 6 rows, and v one number more for each coordinate: `solve` takes as long as with
+        the loop. The pieces have the same share of the inertia each: change masses before. Forces
+        of the weld are inside the body; `Solution.bearings` has those of the joint.
+        """
         from condyn_pin.model.whole_joints import with_whole_joints
 
         return with_whole_joints(self, loops)

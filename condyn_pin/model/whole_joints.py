@@ -1,34 +1,37 @@
 """Joints that close loops as joints of the tree: a body is cut in their place.
 
-A `Loop` is a joint that was cut. Its rows are all that is left of it: no coordinate, and nothing
-that acts along one. Here the body b behind the joint is cut instead. The joint carries a piece of
-b, and a weld holds the rest,
+A `Loop` is a joint that was cut, and rows are all that is left of it: it has no coordinate, and
+nothing acts along one. Here the body b behind the joint is cut instead. The joint carries a piece
+of b, and a weld holds the rest,
 
-    a --joint-- piece of b ==weld== rest of b,        I_piece + I_rest = I_b,
+    a --joint(q)-- piece of b ==weld== rest of b,        I_piece + I_rest = I_b,
 
-which move as the one body that they are. So the motion is that of the machine, and so is the wrench
-in the joint, from the body a on all of b; the weld's own is inside b, and has no other meaning.
+which move as the one body that they are. The motion is that of the machine whatever the pieces
+weigh, and the wrench in the joint is that of a on the whole of b. The weld's own is inside b.
 
-The coordinate of the joint is a number of q, its rate one of v. Limits, springs, dampers, friction,
-motors, armatures and drives find the joint by its name, as they find every other. An angle counts
-its turns, as that of any hinge does: it is integrated and never read off a rotation.
+The coordinate of the joint is a number of q, and its rate one of v. Stops, springs, dampers, dry
+friction, motors, rotors and drives find the joint by its name, as they find every other. An angle
+counts its turns as that of any hinge does: it is integrated, and never read off a rotation.
 
-    loop          joints                      coordinate
+    loop          joints                      coordinates
     hinge         NAME                        turn of frame b about the axis of frame a [rad]
-    slider        NAME                        shift of b along it [m]
+    slider        NAME                        shift of frame b along it [m]
     cylindrical   NAME_slide, NAME_turn       both
-    universal     NAME_axis, NAME_axis2       turn about the axis of a, then about that of b [rad]
+    universal     NAME_axis, NAME_axis2       turns about the axis of a and that of b [rad]
     ball          NAME                        quaternion x y z w of the axes of b in those of a
+
+Where b is the world, or has no inertia that the joint would move, a is cut, and the joint leads
+from b to a: about the opposite axis, so that coordinates stay; the quaternion is the inverse.
 """
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from math import inf
+from math import inf, pi
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Any, Final, Literal
 
 import numpy as np
 
@@ -39,6 +42,7 @@ from condyn_pin._core.joints import UNLIMITED
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.loop import Loop
+from condyn_pin.constraints.places import with_joint_names
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller import depth_first
@@ -50,7 +54,7 @@ WHOLE: Final = ("hinge", "slider", "cylindrical", "universal", "ball")
 
 @dataclass(frozen=True)
 class Settings:
-    """What a file says of a joint that closes a loop; of one without an axis, the damping alone."""
+    """Settings in a file of a joint that closes a loop; balls have damping and friction alone."""
 
     lower: float = -inf  # [rad or m]
     upper: float = inf
@@ -61,44 +65,14 @@ class Settings:
     stiffness: float = 0.0  # [N m/rad or N/m]
     reference: float = 0.0  # where the spring rests [rad or m]
 
-
-@dataclass(frozen=True)
-class _Step:
-    """One joint of a chain that stands for a loop: a turn about e, a shift along it, or a ball."""
-
-    name: str
-    e: Array | None  # unit vector in the axes of both frames; None for a ball
-    turns: bool = True
-    f: Array | None = None  # the angle is that of this direction across e
-
-    def joint(self, sign: float) -> Any:
-        """Pinocchio's joint; with sign -1 that from b to a, of the same coordinate."""
-        if self.e is None:
-            return pin.JointModelSpherical()
-        return one_coordinate(sign * self.e, hinge=self.turns)
-
-    def value(self, M: Any) -> float:
-        """Coordinate of a turn or a shift by which frame b is placed in frame a."""
-        if not self.turns:
-            return float(self.e @ M.translation)
-        Rf = M.rotation @ self.f
-        return float(np.arctan2(self.e @ np.cross(self.f, Rf), self.f @ Rf))
+    @property
+    def act(self) -> bool:
+        """True if they limit the joint, or act in it."""
+        stops = self.lower > -UNLIMITED or self.upper < UNLIMITED
+        return stops or any((self.damping, self.friction, self.stiffness))
 
 
-def _steps(loop: Loop) -> tuple[_Step, ...]:
-    """Joints from frame a to frame b."""
-    if loop.kind == "ball":
-        return (_Step(loop.name, None),)
-    e, last = (np.eye(3)["xyz".index(axis)] for axis in (loop.axis[0], loop.axis[-1]))
-    if loop.kind == "universal":
-        return (
-            _Step(f"{loop.name}_axis", e, f=last),
-            _Step(f"{loop.name}_axis2", last, f=e),
-        )
-    turn, slide = _Step(loop.name, e, f=np.roll(e, 1)), _Step(loop.name, e, turns=False)
-    if loop.kind == "cylindrical":
-        return replace(slide, name=f"{loop.name}_slide"), replace(turn, name=f"{loop.name}_turn")
-    return (slide if loop.kind == "slider" else turn,)
+_NONE: Final = Settings()
 
 
 def with_whole_joints(
@@ -106,29 +80,36 @@ def with_whole_joints(
     loops: Sequence[str | Loop],
     settings: Mapping[str, Settings] = MappingProxyType({}),
 ) -> Robot:
-    """Return a robot whose tree has the joints of some loops; see `Robot.with_whole_joints`."""
+    """Robot whose tree has the joints of loops, with settings by name; `Robot.with_whole_joints`.
+
+    Raises
+    ------
+    InvalidModel
+        If neither body of a joint has an inertia that it would move, both are one, or its name is
+        taken.
+    """
     chosen = [_loop_of(robot, each) for each in loops]
-    cuts = [_Cut(robot, loop, settings.get(loop.name, Settings())) for loop in chosen]
+    cuts = [_Cut(robot, loop, settings.get(loop.name, _NONE)) for loop in chosen]
     pieces = Counter(cut.body for cut in cuts)
     model = pin.Model(robot.model)
     for body, n in pieces.items():
-        model.inertias[body] = _share(robot.model.inertias[body], n + 1)
+        model.inertias[body] = _part(robot.model.inertias[body], n + 1)
     for cut in cuts:
-        cut.add_to(model, pieces[cut.body] + 1)
+        cut.add_to(model)
     ordered, index_q, _ = depth_first(model)
+    data = whole_data(robot.model)
 
     def with_coordinates(q: Array) -> Array:
-        data = whole_data(robot.model)
         pin.forwardKinematics(robot.model, data, q)
         return np.concatenate([q, *(cut.coordinates(data) for cut in cuts)])[index_q]
 
-    ends = {frozenset(loop.frames) for loop in chosen}
+    ends = [{*loop.frames} for loop in chosen]
     return replace(
         robot,
         model=ordered,
         postures={name: with_coordinates(q) for name, q in robot.postures.items()},
         loops=(
-            *(each for each in robot.loops if frozenset(each.frames) not in ends),
+            *(each for each in robot.loops if {*each.frames} not in ends),
             *(cut.weld for cut in cuts),
         ),
         springs=(*robot.springs, *(spring for cut in cuts for spring in cut.springs)),
@@ -136,60 +117,54 @@ def with_whole_joints(
 
 
 def _loop_of(robot: Robot, given: str | Loop) -> Loop:
-    """A loop of the robot by its name, or one that is given; InvalidArgument if it is no joint."""
-    loop: Constraint | None = given if isinstance(given, Loop) else None
+    """Loop of the robot by its name, or one that is given; InvalidArgument if it is no joint."""
+    loop: Constraint = with_joint_names(given, robot) if isinstance(given, Loop) else given  # type: ignore[assignment]
     if isinstance(given, str):
-        loop = next((each for each in robot.loops if each.name == given), None)
-        if loop is None:
-            raise unknown_name("loop", given, [each.name for each in robot.loops])
-    if not isinstance(loop, Loop):
-        raise InvalidArgument(f"loops: {given!r}: the name of a loop, or a Loop, is needed")
-    if loop.kind not in WHOLE:
+        known = {each.name: each for each in robot.loops}
+        if given not in known:
+            raise unknown_name("loop", given, known)
+        loop = known[given]
+    if not isinstance(loop, Loop) or loop.kind not in WHOLE:
         raise InvalidArgument(
-            f"loops: {loop.name!r} is a {loop.kind}, which has no coordinate; one of "
-            f"{', '.join(WHOLE)} is needed: cp.Loop({loop.frame_a!r}, {loop.frame_b!r}, ...)"
+            f"loops: {given!r} has no coordinate of its own: a Loop that is one of "
+            f"{', '.join(WHOLE)} is needed, or the name of one"
         )
     return loop
 
 
 class _Cut:
-    """A loop whose joint joins the tree: between one of its bodies and a piece of the other.
-
-    The piece is of body b; of body a where b is the world's, or too light to be cut there.
-    """
+    """Joint of a loop, between one of its bodies and a piece of the other."""
 
     def __init__(self, robot: Robot, loop: Loop, settings: Settings) -> None:
-        self._steps, self._settings, self._loop = _steps(loop), settings, loop
-        (self._a, self._aMc1), (self._b, self._bMc2) = (robot.frame(f) for f in loop.frames)
-        if self._a == self._b:
+        self._loop, self._settings, self._steps = loop, settings, _steps(loop)
+        ends = [robot.frame(frame) for frame in loop.frames]
+        if ends[0][0] == ends[1][0]:
             raise InvalidModel(f"loop {loop.name!r}: both of its frames are on one body")
-        inertias = robot.model.inertias
-        if self._moves(self._b, self._bMc2, inertias):
-            self.forward = True
-        elif self._moves(self._a, self._aMc1, inertias):
-            self.forward = False
-        else:
-            raise InvalidModel(
-                f"loop {loop.name!r}: neither of its bodies has an inertia that its joint would "
-                "move, and a piece of one is needed; make another joint of the loop the cut"
-            )
         for name in (step.name for step in self._steps):
             if name in robot.joints or name in robot.frames:
                 raise InvalidModel(
-                    f"loop {loop.name!r}: its joint would be named {name!r}, as a joint or a frame "
-                    "of the robot is; give the loop another name"
+                    f"loop {loop.name!r}: its joint would be named {name!r}, which {robot.name} "
+                    "has already; give the loop another name"
                 )
+        moved = [self._is_moved(robot.model.inertias[i], M) if i else False for i, M in ends]
+        if not any(moved):
+            raise InvalidModel(
+                f"loop {loop.name!r}: neither of its bodies has an inertia that this joint would "
+                "move; give one of them some, or cut the loop at another joint"
+            )
+        self._ends, self._forward = ends, moved[1]
 
     @property
     def body(self) -> int:
         """Joint that carries the body that is cut."""
-        return self._b if self.forward else self._a
+        return int(self._ends[self._forward][0])
 
     @property
     def weld(self) -> Loop:
-        """Weld that holds the piece to the rest of its body."""
-        ends = self._steps[-1 if self.forward else 0].name, self._loop.frames[self.forward]
-        return Loop(*ends, "weld", name=f"{self._loop.name}_weld", drift=self._loop.drift)
+        """Weld of the piece and the rest of its body."""
+        last = self._steps[-1 if self._forward else 0].name
+        rest = self._loop.frames[self._forward]
+        return Loop(last, rest, "weld", name=f"{self._loop.name}_weld", drift=self._loop.drift)
 
     @property
     def springs(self) -> tuple[Spring, ...]:
@@ -197,58 +172,103 @@ class _Cut:
         its = self._settings
         return (Spring(self._loop.name, its.stiffness, its.reference),) if its.stiffness else ()
 
-    def add_to(self, model: Any, n: int) -> None:
-        """Add the joints, at the end, and a piece of one n-th."""
-        joint, placement = (self._a, self._aMc1) if self.forward else (self._b, self._bMc2)
-        for step in self._steps if self.forward else reversed(self._steps):
-            joint = _add(model, joint, placement, step, 1.0 if self.forward else -1.0, self._settings)
+    def add_to(self, model: Any) -> None:
+        """Add the joints at the end of a model, and a piece as heavy as what is left there."""
+        carrier, placement = self._ends[not self._forward]
+        for step in self._steps if self._forward else self._steps[::-1]:
+            joint = step.joint(1.0 if self._forward else -1.0)
+            carrier = _add(model, carrier, placement, joint, step.name, self._settings)
             placement = pin.SE3.Identity()
-        at = self._bMc2 if self.forward else self._aMc1
-        piece = _share(model.inertias[self.body], 1)
-        model.appendBodyToJoint(joint, piece, at.inverse())
+        model.appendBodyToJoint(
+            carrier, model.inertias[self.body], self._ends[self._forward][1].inverse()
+        )
 
     def coordinates(self, data: Any) -> Array:
-        """Coordinates of the joints; reads data.oMi."""
-        M = (data.oMi[self._a] * self._aMc1).actInv(data.oMi[self._b] * self._bMc2)
+        """Coordinates of the joints in the order of the tree; reads data.oMi."""
+        c1, c2 = (data.oMi[i] * M for i, M in self._ends)
         if self._loop.kind == "ball":
-            M = M if self.forward else M.inverse()
-            return np.array(pin.Quaternion(M.rotation).coeffs())
-        values = [step.value(M) for step in self._steps]
+            R = (c1.actInv(c2) if self._forward else c2.actInv(c1)).rotation
+            return np.array(pin.Quaternion(R).coeffs())
+        values = [step.value(c1.actInv(c2)) for step in self._steps]
         middle = 0.5 * (self._settings.lower + self._settings.upper)
-        if np.isfinite(middle) and self._steps[0].turns:  # the turn that its limits mean
-            values[0] -= 2 * np.pi * np.round((values[0] - middle) / (2 * np.pi))
-        return np.array(values if self.forward else values[::-1])
+        if self._loop.kind == "hinge" and abs(middle) < UNLIMITED:  # the turn between its stops
+            values[0] -= 2 * pi * round((values[0] - middle) / (2 * pi))
+        return np.array(values if self._forward else values[::-1])
 
-    def _moves(self, body: int, placement: Any, inertias: Any) -> bool:
-        """True if the inertia of a body resists every motion of the joint."""
-        if not body or not inertias[body].mass > 0.0:
-            return False
-        I = placement.actInv(inertias[body]).matrix()  # noqa: E741
-        S = np.zeros((6, 3))
-        for k, step in enumerate(self._steps):
-            if step.e is None:
-                S[3:] = np.eye(3)
-            else:
-                S[3 * step.turns : 3 * step.turns + 3, k] = step.e
-        S = S[:, : 3 if self._steps[0].e is None else len(self._steps)]
-        return bool(np.linalg.eigvalsh(S.T @ I @ S)[0] > tolerances.MOMENT * np.abs(I).max())
+    def _is_moved(self, inertia: Any, placement: Any) -> bool:
+        """True if the inertia of a body, at the loop, resists every motion of the joint."""
+        I = placement.actInv(inertia).matrix()  # noqa: E741
+        S = np.hstack([step.axes for step in self._steps])
+        least = np.linalg.eigvalsh(S.T @ I @ S)[0]
+        return bool(least > tolerances.MOMENT * np.abs(I).max())
 
 
-def _add(model: Any, carrier: int, placement: Any, step: _Step, sign: float, its: Settings) -> int:
-    """Add one joint with its frame, limits, damping and friction; return its number."""
-    made, limits = step.joint(sign), ()
-    if step.e is not None:
+_Kind = Literal["turn", "slide", "ball"]
+
+
+@dataclass(frozen=True, eq=False)
+class _Step:
+    """One joint of those between frame a and frame b, of which a universal joint has two."""
+
+    name: str
+    kind: _Kind
+    e: Array  # unit vector that it turns about or slides along
+    f: Array  # direction across e whose turn its angle is
+
+    @property
+    def axes(self) -> Array:
+        """Motion subspace (6, 1 or 3), linear first."""
+        if self.kind == "ball":
+            return np.vstack([np.zeros((3, 3)), np.eye(3)])
+        parts = (np.zeros(3), self.e) if self.kind == "turn" else (self.e, np.zeros(3))
+        return np.concatenate(parts)[:, None]
+
+    def joint(self, sign: float) -> Any:
+        """Pinocchio's joint; with sign -1 the one from b to a with the same coordinate."""
+        if self.kind == "ball":
+            return pin.JointModelSpherical()
+        return one_coordinate(sign * self.e + 0.0, hinge=self.kind == "turn")
+
+    def value(self, M: Any) -> float:
+        """Coordinate of frame b where it is placed at M in frame a."""
+        if self.kind == "slide":
+            return float(self.e @ M.translation)
+        turned = M.rotation @ self.f
+        return float(np.arctan2(self.e @ np.cross(self.f, turned), self.f @ turned))
+
+
+def _steps(loop: Loop) -> tuple[_Step, ...]:
+    """Joints from frame a to frame b."""
+    name, axis = loop.name, loop.axis or "z"
+    e, other = (np.eye(3)["xyz".index(letter)] for letter in (axis[0], axis[-1]))
+    across = np.roll(e, 1)
+    if loop.kind == "universal":
+        return _Step(f"{name}_axis", "turn", e, other), _Step(f"{name}_axis2", "turn", other, e)
+    if loop.kind == "cylindrical":
+        return (
+            _Step(f"{name}_slide", "slide", e, across),
+            _Step(f"{name}_turn", "turn", e, across),
+        )
+    kinds: dict[str, _Kind] = {"hinge": "turn", "slider": "slide", "ball": "ball"}
+    return (_Step(name, kinds[loop.kind], e, across),)
+
+
+def _add(model: Any, carrier: int, placement: Any, joint: Any, name: str, its: Settings) -> int:
+    """Add a joint with its frame, limits, damping and friction; return its number."""
+    limits: tuple[Array, ...] = ()
+    if joint.nq == joint.nv:
         ends = its.effort, its.velocity, its.lower, its.upper
         limits = tuple(np.array([x]) for x in np.clip(ends, -UNLIMITED, UNLIMITED))
-    i = int(model.addJoint(carrier, made, placement, step.name, *limits))
+    i = int(model.addJoint(carrier, joint, placement, name, *limits))
     model.addJointFrame(i)
+    rows = slice(model.joints[i].idx_v, None)
     damping, friction = np.array(model.damping), dry_friction(model)
-    damping[model.joints[i].idx_v :], friction[model.joints[i].idx_v :] = its.damping, its.friction
+    damping[rows], friction[rows] = its.damping, its.friction
     model.damping = damping
     set_dry_friction(model, friction)
     return i
 
 
-def _share(inertia: Any, n: int) -> Any:
+def _part(inertia: Any, n: int) -> Any:
     """Inertia of one n-th of a body."""
     return pin.Inertia(inertia.mass / n, inertia.lever, inertia.inertia / n)

@@ -18,10 +18,16 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 from condyn_pin._core.arguments import check_type, register
-from condyn_pin.constraints.constraint import Constraint, FramedModel, GivenFields, MjcfGeomWriter
+from condyn_pin.constraints.constraint import (
+    Constraint,
+    GivenFields,
+    FramedModel,
+    MjcfGeomWriter,
+    no_joint,
+)
 from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.places import short_frames
-from condyn_pin.errors import InvalidModel, UnsupportedConstraint, unknown_name
+from condyn_pin.errors import InvalidModel, UnsupportedConstraint
 
 Mode = Literal["open", "slide", "stick"]
 
@@ -91,7 +97,7 @@ class Contact(GivenFields, ABC):
 def joint_named(machine: FramedModel, name: str) -> Any:
     """Joint of the model, or UnknownName."""
     if name not in machine.joints:
-        raise unknown_name("joint", name, machine.joints)
+        raise no_joint(machine, name)
     return machine.model.joints[machine.model.getJointId(name)]
 
 
