@@ -150,7 +150,9 @@ def test_a_joint_that_is_cut_keeps_its_settings(how):
     if how == "in a gazebo element":
         text = text.replace("</axis>", OF_AN_SDF)
     else:
-        text = text.replace("<axis", f"{OF_A_URDF}<axis").replace("<parent_axis", f"{OF_A_URDF}<parent_axis")
+        text = text.replace("<axis", f"{OF_A_URDF}<axis").replace(
+            "<parent_axis", f"{OF_A_URDF}<parent_axis"
+        )
     robot = bars(text)
     model, i = robot.model, robot.index_v("c")
     assert [loop.name for loop in robot.loops] == ["c_weld"]

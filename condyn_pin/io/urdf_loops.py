@@ -165,14 +165,15 @@ def _settings(joint: Element) -> Settings:
     kind, numbers = joint.get("type", ""), dict[str, float]()
     ends = {} if kind == "continuous" else {"lower": -inf, "upper": inf}
     keys = {"limit": ("effort", "velocity", *ends), "dynamics": ("damping", "friction")}
-    for tag, element in ((tag, find(joint, at)) for tag in keys for at in (tag, f"axis/{tag}")):
+    for path in ("limit", "dynamics", "axis/limit", "axis/dynamics"):
+        element, tag = find(joint, path), path.rpartition("/")[2]
         if element is None:
             continue
         if tag == "limit" and {"lower", "upper"} & element.attrib.keys():
             numbers |= dict.fromkeys(ends, 0.0)  # of the format, for the one that is left out
         for key in keys[tag]:
             if text := element.get(key) or element.findtext(key):
-                numbers[key] = floats(text, 1, f"<{tag} {key}>", infinite=True)[0]
+                numbers[key] = float(floats(text, 1, f"<{tag} {key}>", infinite=True)[0])
     return Settings(**numbers)
 
 

@@ -186,10 +186,13 @@ class _Cut:
     def coordinates(self, data: Any) -> Array:
         """Coordinates of the joints in the order of the tree; reads data.oMi."""
         c1, c2 = (data.oMi[i] * M for i, M in self._ends)
+        M, values = c1.actInv(c2), list[float]()
         if self._loop.kind == "ball":
-            R = (c1.actInv(c2) if self._forward else c2.actInv(c1)).rotation
+            R = M.rotation if self._forward else M.rotation.T
             return np.array(pin.Quaternion(R).coeffs())
-        values = [step.value(c1.actInv(c2)) for step in self._steps]
+        for step in self._steps:
+            values.append(step.value(M))
+            M = step.placed(values[-1]).actInv(M)
         middle = 0.5 * (self._settings.lower + self._settings.upper)
         if self._loop.kind == "hinge" and abs(middle) < UNLIMITED:  # the turn between its stops
             values[0] -= 2 * pi * round((values[0] - middle) / (2 * pi))
@@ -213,7 +216,7 @@ class _Step:
     name: str
     kind: _Kind
     e: Array  # unit vector that it turns about or slides along
-    f: Array  # direction across e whose turn its angle is
+    f: Array  # its angle is by how much this direction across e is turned
 
     @property
     def axes(self) -> Array:
@@ -229,8 +232,14 @@ class _Step:
             return pin.JointModelSpherical()
         return one_coordinate(sign * self.e + 0.0, hinge=self.kind == "turn")
 
+    def placed(self, value: float) -> Any:
+        """Placement of what follows a turn or a slide, in what is before."""
+        turns = self.kind == "turn"
+        R = pin.exp3(value * self.e) if turns else np.eye(3)
+        return pin.SE3(R, np.zeros(3) if turns else value * self.e)
+
     def value(self, M: Any) -> float:
-        """Coordinate of frame b where it is placed at M in frame a."""
+        """Coordinate at which what follows is placed at M, as far as it is by this joint."""
         if self.kind == "slide":
             return float(self.e @ M.translation)
         turned = M.rotation @ self.f
