@@ -120,13 +120,7 @@ def plot(rows: list[dict[str, Any]], path: Path) -> None:
             points.sort(key=lambda row: row["cpu_seconds"])
             x, y = ([row[key] for row in points] for key in ("cpu_seconds", "error"))
             ax.plot(x, y, **lines.of(method))
-        ax.set(
-            title=name,
-            xlabel="CPU time [s]",
-            ylabel="error of the problem",
-            xscale="log",
-            yscale="log",
-        )
+        ax.set(title=name, xlabel="CPU time [s]", ylabel="error", xscale="log", yscale="log")
         ax.set_ylim(1e-15, 10.0)  # what broke down is off the picture
         ax.xaxis.set_minor_formatter("")
         ax.grid(visible=True, color="0.92")
