@@ -172,6 +172,14 @@ def test_the_readme_stays_one_page():
     assert len(re.findall(r"^\|---", TEXTS[README], flags=re.MULTILINE)) == 3
 
 
+def test_the_gallery_has_every_picture_of_the_pages():
+    def pictures(page: Path) -> set[str]:
+        return set(re.findall(r"!\[[^\]]*\]\(([^)]+)\)", TEXTS[page]))
+
+    shown = pictures(ROOT / "docs" / "gallery.md")
+    assert {each for page in PAGES[1:] for each in pictures(page)} <= shown
+
+
 def test_the_moving_picture_is_small_and_moves():
     path = ROOT / "docs" / "pictures" / "machines.gif"
     assert path.stat().st_size < 1.5e6
