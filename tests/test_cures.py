@@ -111,13 +111,13 @@ def test_derivatives_print_their_blocks_and_what_a_check_found():
     assert "dlam_dtau (3, 3)" in str(checked)
     plain = cp.derivatives(scene, *state)
     assert plain.disagreement is None
-    assert "not checked" in str(plain)
+    assert "not compared" in str(plain)
 
 
 def test_a_controller_is_named_by_its_tasks():
     law = Controller(STANDING, TASKS, cones=FrictionCone(0.6))
-    feet = "['FL_FOOT', 'FR_FOOT', 'HL_FOOT', 'HR_FOOT']"
-    assert repr(law) == f"Controller(solo12, {feet}: [CenterOfMass, Posture])"
+    feet = "FL_FOOT, FR_FOOT, HL_FOOT, HR_FOOT"
+    assert repr(law) == f"Controller(solo12 on {feet}: [CenterOfMass, Posture])"
     levels = Controller(STANDING, Hierarchy(*([task] for task in TASKS)), cones=FrictionCone(0.6))
     assert repr(levels).endswith(": Hierarchy([CenterOfMass], [Posture]))")
 

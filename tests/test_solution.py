@@ -163,9 +163,7 @@ def test_every_status_is_advice():
 def test_a_workspace_says_which_weight_it_found():
     scene = all_scenes()["talos contacts"]
     assert ", mu 9.43e-12 1/kg)" in repr(cp.Workspace(scene))
-    assert repr(cp.Workspace(scene, cp.DenseKKT())).endswith(
-        "12 rows: DenseKKT(mu=0.0, refinements=0))"
-    )
+    assert repr(cp.Workspace(scene, cp.DenseKKT(mu=1e-9))).endswith("12 rows: DenseKKT(mu=1e-09))")
 
 
 @pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "four_bar loops"])

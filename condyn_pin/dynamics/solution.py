@@ -552,7 +552,7 @@ class ConstraintForce(ArrayValue):
         return ends
 
     def __repr__(self) -> str:
-        axes = f", axes of {self.frame}" if self.frame not in ("", self.on) else ""
+        axes = f", axes of {self.frame}" if self.frame else ""
         force = f"{self.name}: {rounded(self.components)}"
         return f"ConstraintForce({force} on {self.on} by {self.by}{axes})"
 
