@@ -323,7 +323,7 @@ class FramedModel(Protocol):
         """Return the joint that carries a frame and its placement on it, or raise UnknownName."""
 
 
-def no_joint(machine: Machine, name: str) -> UnknownName:
+def no_joint(machine: FramedModel, name: str) -> UnknownName:
     """Error for a name that no joint has, with the cure where a loop has it."""
     if any(loop.name == name for loop in getattr(machine, "loops", ())):
         return UnknownName(

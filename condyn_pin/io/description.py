@@ -15,7 +15,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.errors import InvalidArgument, InvalidModel, MissingExtra
-from condyn_pin.model.motors import CoupledMotor
+from condyn_pin.model.joints import CoupledMotor
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.springs import Spring, SpringDamper
 from condyn_pin.model.whole_joints import Settings, with_whole_joints

@@ -17,8 +17,8 @@ from condyn_pin._core._pin import dry_friction, pin, set_numbers, without_infini
 from condyn_pin._core.arguments import Arguments, check_type, count_text, normalised
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.models import rotation_fault
-from condyn_pin.constraints.contacts.ground import Ground
 from condyn_pin.constraints.constraint import Constraint, check_size, no_joint
+from condyn_pin.constraints.contacts.ground import Ground
 from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.constraints.kinds import of_loops
 from condyn_pin.constraints.loop import Loop

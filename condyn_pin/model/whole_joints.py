@@ -38,8 +38,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import dry_friction, pin, set_dry_friction
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import UNLIMITED
-from condyn_pin._core.trees import whole_data
+from condyn_pin._core.models import UNLIMITED, whole_data
 from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.places import with_joint_names

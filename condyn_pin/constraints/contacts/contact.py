@@ -20,8 +20,8 @@ from typing import Any, Literal
 from condyn_pin._core.arguments import check_type, register
 from condyn_pin.constraints.constraint import (
     Constraint,
-    GivenFields,
     FramedModel,
+    GivenFields,
     MjcfGeomWriter,
     no_joint,
 )
