@@ -70,7 +70,7 @@ from condyn_pin.control import (
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.chain import SolverLadder, _independent
 from condyn_pin.control.qp.qp_solver import QuadraticProgram
-from condyn_pin.io.load import example_robot_data
+from condyn_pin.io.description import example_robot_data
 from condyn_pin.mechanism import project_velocity
 
 # --- ticks

@@ -10,7 +10,7 @@ import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
 import condyn_pin as cp
-from condyn_pin.io.load import Description
+from condyn_pin.io.description import Description
 
 ROUNDING = 1e-14  # a handful of products of numbers of size 1
 SIDES = ("left", "right")

@@ -23,7 +23,7 @@ from shared import axis_of, each_row
 from shell import condyn
 
 import condyn_pin as cp
-from condyn_pin.io.load import example_robot_data
+from condyn_pin.io.description import example_robot_data
 
 ROUNDING = 1e-13
 

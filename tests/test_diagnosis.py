@@ -14,7 +14,7 @@ from shell import condyn
 from test_assembly import loops_of, parallelogram, with_limits
 
 import condyn_pin as cp
-from condyn_pin.io.load import robots_folder
+from condyn_pin.io.description import robots_folder
 
 ROCKER = 0.6  # of four_bar() [m]
 

@@ -17,7 +17,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.io.load import example_robot_data, robots_folder
+from condyn_pin.io.description import example_robot_data, robots_folder
 
 AGREES = 1e-10  # measured: 1e-13
 SEEDS = (0, 1, 2)

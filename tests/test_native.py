@@ -16,6 +16,7 @@ import threading
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from time import sleep
+from typing import Any
 
 import numpy as np
 import pytest
@@ -54,16 +55,18 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import compiled, compiled_tick, core_features
 from condyn_pin._core.tolerances import FORCES, SOLVED
 from condyn_pin.constraints import Driven, HeldJoint
+from condyn_pin.constraints.forces import ForceSite, PointForce
 from condyn_pin.contact import PGS, Lemke
 from condyn_pin.control import CapturePoint, ContactForce, Controller, JointTask, Posture
 from condyn_pin.control import compiled as ticks
 from condyn_pin.dynamics import compiled as arrays
 from condyn_pin.dynamics.derivatives.others import BLOCKS
+from condyn_pin.dynamics.residuals import Residuals
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.gradients import Kappa, step_derivatives_batch
 from condyn_pin.simulation import derivatives_batch
 from condyn_pin.simulation.batch.inputs import DrivenPath
-from condyn_pin.simulation.batch.motions import MEASURED
+from condyn_pin.simulation.batch.motions import MEASURED, Measures
 from condyn_pin.stepping import step_batch
 from condyn_pin.stepping.batch import ERRORS, contacts_of, paths_of, step_plan
 
@@ -412,52 +415,64 @@ def test_a_start_that_penetrates_is_refused_by_python():
     assert "penetrates" in found.reasons[0]
 
 
+PUSHED = PointForce(ForceSite(1, pin.SE3.Identity()), False, np.zeros(6))
+
 # The border: what would be read or written beyond the end of an array never gets that far
 
 
-def parts_of(label: str) -> tuple[cp.Workspace, dict]:
-    workspace = cp.Workspace(scene_of(label).at(0.0) if label in DRIVEN else scene_of(label))
-    return workspace, {
-        **arrays.of_model(workspace.model), **arrays.of_springs(workspace.scene.robot),
-        **arrays.of_constraints(workspace), **arrays.of_solver(workspace),
-        **arrays.of_precision(workspace.scene),
-    }  # fmt: skip
+def given_of(label: str) -> dict[str, Any]:
+    scene = scene_of(label).at(0.0) if label in DRIVEN else scene_of(label)
+    return arrays.describe(cp.Workspace(scene))
 
 
-def changed(array: np.ndarray, place: tuple, value: float) -> np.ndarray:
-    array = array.copy()
-    array[place] = value
-    return array
+def changed(items: Sequence[Any], i: int, **fields: object) -> list[Any]:
+    """The items, one of them with other fields."""
+    items = list(items)
+    items[i] = items[i] | fields if isinstance(items[i], dict) else items[i]._replace(**fields)
+    return items
 
 
 @pytest.mark.parametrize(
     ("label", "name", "changes", "words"),
     [
-        ("four_bar loops", "constraints", (((-1, 2), 2), ((-1, 3), 99)), "constraint"),
-        ("talos foot to foot, welded", "constraints", (((-1, 2), 5),), "constraint"),
-        ("four_bar hinge", "constraints", (((-1, 7), -1), ((-1, 7), 3)), "constraint"),
-        ("four_bar geared", "constraints", (((-1, 10), 99),), "coupling"),
-        ("four_bar loops, sprung", "between", (((1, 1), -1), ((1, 1), 4)), "joint of a spring"),
+        (
+            "four_bar loops", "constraints",
+            ({"rows": slice(1, 3)}, {"joint1": 99}, {"kind": "hose"}, {"joint1": 0.5}),
+            "constraint|joint1",
+        ),
+        ("talos foot to foot, welded", "constraints", ({"rows": slice(0, 5)},), "constraint"),
+        ("four_bar hinge", "constraints", ({"axis": -1}, {"axis": 3}), "constraint"),
+        ("four_bar geared", "constraints", ({"at_q": (99, 0)},), "coupling"),
+        (
+            "four_bar loops, sprung", "between", ({"joint_b": -1}, {"joint_b": 4}),
+            "joint of a spring",
+        ),
     ],
-)
+)  # fmt: skip
 def test_scenes_that_do_not_fit(label, name, changes, words):
-    _, parts = parts_of(label)
-    compiled().Core(**parts)
-    bad = [{name: changed(parts[name], *each)} for each in changes]
-    if name == "between":
-        words = f"{words}|springs between frames"
-        bad += [{"between": parts["between"][:1].copy()}, {"of_between": np.zeros((2, 8))}]
-    for each in bad:
+    given = given_of(label)
+    compiled().Core(**given)
+    for each in changes:
         with pytest.raises(ValueError, match=words):
-            compiled().Core(**(parts | each))
+            compiled().Core(**(given | {name: changed(given[name], -1, **each)}))
+    without = {key: its for key, its in given.items() if key != name}
+    with pytest.raises(KeyError, match=name):
+        compiled().Core(**without)
+
+
+def test_columns_of_tables_are_those_of_python():
+    assert compiled().columns == {
+        "residuals": Residuals._fields, "measures": Measures._fields, "errors": ERRORS,
+        "work": ("contact", "correction", "algorithmic", "driven"),
+    }  # fmt: skip
 
 
 def test_places_of_driven_rows_that_do_not_fit():
-    _, parts = parts_of("crank")
-    compiled().Core(**parts)
+    given = given_of("crank")
+    compiled().Core(**given)
     for shape in ((3, 1), (2, 3), (1, 3)):
         with pytest.raises(ValueError, match="wanted does not fit"):
-            compiled().Core(**(parts | {"wanted": np.zeros(shape)}))
+            compiled().Core(**(given | {"wanted": np.zeros(shape)}))
 
 
 def test_states_and_forces_that_do_not_fit():
@@ -471,18 +486,18 @@ def test_states_and_forces_that_do_not_fit():
     given = {
         "a": np.zeros_like(v), "lam": np.zeros((N, scene.rows)), "residuals": np.zeros((N, 5)),
         "iterations": np.zeros(N, np.int32), "clear": np.zeros(N, np.int32), "times": np.zeros(N),
-        "pushes": np.array([[1, 0]], np.int32), "placements": np.zeros((1, 12)),
-        "wrenches": np.zeros((N, 6)), "accuracy": 1e-8, "threads": 1,
+        "pushes": [PUSHED], "wrenches": np.zeros((N, 6)), "accuracy": 1e-8, "threads": 1,
+        "Q": q, "V": v, "TAU": tau,
     }  # fmt: skip
-    core.solve(q, v, tau, **given)
+    core.solve(**given)
     for bad in (
         {"a": v[:, :-1].copy()}, {"residuals": v}, {"wrenches": np.zeros((N, 3))},
-        {"pushes": np.array([[99, 0]], np.int32)}, {"clear": np.zeros(2, np.int32)},
+        {"pushes": [PUSHED._replace(place=PUSHED.place._replace(joint=99))]},
+        {"clear": np.zeros(2, np.int32)}, {"clear": np.zeros(N)}, {"Q": q[:, :-1].copy()},
+        {"a": np.zeros_like(v).T.copy().T}, {"Q": q.astype(np.float32)},
     ):  # fmt: skip
         with pytest.raises(ValueError, match="does not fit the scene"):
-            core.solve(q, v, tau, **(given | bad))
-    with pytest.raises(ValueError, match="does not fit the scene"):
-        core.solve(q[:, :-1].copy(), v, tau, **given)
+            core.solve(**(given | bad))
 
 
 def test_paths_of_motions_that_do_not_fit():
@@ -498,10 +513,14 @@ def test_paths_of_motions_that_do_not_fit():
             "measures": np.zeros((1, 2, MEASURED)),
         }  # fmt: skip
         done = np.zeros(1, np.int32)
+        plan = {
+            "integrator": "runge_kutta_4", "dt": 1e-3, "steps": 4, "every": 4, "correct_every": 0,
+            "with_answers": True, "closed": 1e-7, "largest": 1e100, "lost": 1e50, "reach": 1.0,
+            "rank": 3, "out_of_reach": 1e-2,
+        }  # fmt: skip
         of.simulate(
-            q, v, 0 * v, integrator=4, dt=1e-3, steps=4, every=4, correct_every=0,
-            with_answers=True, limits=np.array([1e-7, 1e100, 1e50, 1.0, 3, 1e-2]), driven=rows,
-            path=wanted, **found, done=done, times=np.zeros(1), threads=1,
+            Q=q, V=v, TAU=0 * v, plan=plan, driven=rows, path=wanted, **found, done=done,
+            times=np.zeros(1), threads=1,
         )  # fmt: skip
         return bool(done[0])
 
@@ -534,20 +553,21 @@ def test_plans_and_paths_of_steps_that_do_not_fit():
     }  # fmt: skip
 
     def step(**bad: object) -> None:
-        contacts.step(q[None], v[None], tau[None], **(given | bad))
+        contacts.step(Q=q[None], V=v[None], TAU=tau[None], **(given | bad))
 
     step()
     assert given["done"][0]
     for rows, shape in (([], (3, 3, 0)), ([0], (2, 3, 1)), ([0], (3, 2, 1)), ([1], (3, 3, 1))):
         with pytest.raises(ValueError, match=r"driven rows|path"):
             step(driven=np.array(rows, np.int32), path=np.zeros(shape))
-    for place, value in (
-        (0, 0.0), (4, -1.0), (5, -1e-9), (5, np.nan), (6, -1.0), (7, 1e12), (8, np.nan)
+    for name, value in (
+        ("polish", -1), ("tolerance", -1e-9), ("tolerance", np.nan), ("max_iterations", -1),
+        ("anderson", 10**12), ("steps", 1.5),
     ):  # fmt: skip
-        with pytest.raises(ValueError, match=r"dt|method of contacts"):
-            step(plan=changed(plan, (place,), value))
-    with pytest.raises(ValueError, match="plan of a step"):
-        step(plan=plan[:-1].copy())
+        with pytest.raises(ValueError, match=f"method of contacts|{name}"):
+            step(plan=plan._replace(method=plan.method._replace(**{name: value})))
+    with pytest.raises(ValueError, match="dt"):
+        step(plan=plan._replace(dt=0.0))
 
 
 def test_tasks_and_ticks_that_do_not_fit():
@@ -558,12 +578,12 @@ def test_tasks_and_ticks_that_do_not_fit():
     scene = cp.Scene(stands.robot, [*stands.constraints, driven])
     cones = {c.name: OCTAGON for c in stands.constraints}
     controller = Controller(scene, [CapturePoint(), Posture()], cones=cones, engine="core")
-    given = ticks.of_program(controller._program, 1e-8)
+    given = ticks.describe(controller._program, 1e-8)
     whole = compiled_tick().Tick(**given)
     for wrong, words in (
-        ({"tasks": changed(given["tasks"], (0, 4), 6)}, "support of a task"),  # half an edge
-        ({"tasks": changed(given["tasks"], (0, 4), 3)}, "support of a task"),
-        ({"of_tasks": changed(given["of_tasks"], (0, 13), 0.0)}, "support of a task"),  # omega
+        ({"tasks": changed(given["tasks"], 0, of_x=6)}, "support of a task"),  # half an edge
+        ({"tasks": changed(given["tasks"], 0, of_x=3)}, "support of a task"),
+        ({"tasks": changed(given["tasks"], 0, kd=0.0)}, "support of a task"),  # omega
         ({"driven": [scene.rows]}, "rows that are driven"),
         ({"driven": [-1]}, "rows that are driven"),
         ({"motors": []}, "motors"),
@@ -583,15 +603,14 @@ def test_tasks_and_ticks_that_do_not_fit():
             whole.solve(*(np.ascontiguousarray(each) for each in state))
 
     tasks = [*tasks_of("solo12"), JointTask("FL_HAA"), ContactForce("FL_FOOT", weight=1e-3)]
-    given = ticks.of_program(Controller(stands, tasks, cones=OCTAGON, engine="core")._program, 1e-8)
+    given = ticks.describe(Controller(stands, tasks, cones=OCTAGON, engine="core")._program, 1e-8)
     compiled_tick().Tick(**given)
-    kind, size, at = 0, 1, 2  # columns
-    for place, value in (
-        *(((i, kind), 99) for i in range(5)), *(((i, size), 2) for i in range(5)),
-        *(((i, at), 99) for i in (1, 3, 4)),
+    for i, fields in (
+        *((i, {"kind": "wish"}) for i in range(5)), *((i, {"size": 2}) for i in range(5)),
+        *((i, {"at": 99}) for i in (1, 3, 4)),
     ):  # fmt: skip
         with pytest.raises(ValueError, match="task"):
-            compiled_tick().Tick(**(given | {"tasks": changed(given["tasks"], place, value)}))
+            compiled_tick().Tick(**(given | {"tasks": changed(given["tasks"], i, **fields)}))
     apart = {"touching": [], "held": [*range(stands.rows)], "cones": np.zeros((0, 0))}
     with pytest.raises(ValueError, match="contact of a task"):
         compiled_tick().Tick(**(given | apart))
@@ -626,7 +645,8 @@ def test_a_workspace_answers_one_state_as_python_does(label):
 
 
 @pytest.mark.parametrize(
-    "label", ["four_bar rod", "rolling_disc contacts", "talos arms geared", *DRIVEN]
+    "label",
+    ["four_bar rod", "rolling_disc contacts", "talos arms geared", *DRIVEN],
 )
 def test_a_workspace_answers_rows_of_every_kind(label):
     """Driven ones at two times; at another time the state is off its paths, rows at their word."""

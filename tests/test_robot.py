@@ -12,7 +12,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.io.load import example_robot_data
+from condyn_pin.io.description import example_robot_data
 from condyn_pin.model import CoupledMotor
 from condyn_pin.model.smaller import lock_joints
 

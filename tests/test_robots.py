@@ -10,7 +10,7 @@ import pytest
 from shared import CLOSED, calls, robot
 
 import condyn_pin as cp
-from condyn_pin.io.load import example_robot_data
+from condyn_pin.io.description import example_robot_data
 
 
 class Figures(NamedTuple):

@@ -10,7 +10,7 @@ from shared import robot, standard_scenes
 from test_robots import ROBOTS
 
 import condyn_pin as cp
-from condyn_pin.io.load import robots_folder
+from condyn_pin.io.description import robots_folder
 
 FOLDERS = sorted(path.parent for path in robots_folder().glob("*/robot.toml"))
 each_folder = pytest.mark.parametrize("folder", FOLDERS, ids=lambda folder: folder.name)

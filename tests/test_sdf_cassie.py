@@ -17,7 +17,7 @@ from sdf_texts import (
 )
 
 import condyn_pin as cp
-from condyn_pin.io.load import Description
+from condyn_pin.io.description import Description
 from condyn_pin.io.sdf import read_sdf
 
 CASSIE_KINDS = {f"{side}-achilles-spring-joint": "ball" for side in SIDES}

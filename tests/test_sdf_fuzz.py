@@ -16,7 +16,7 @@ from hypothesis import strategies as st
 from sdf_texts import ARM, INERTIAL, closures, couplings, frame_poses, joint, link, pose
 
 from condyn_pin.errors import CondynError
-from condyn_pin.io.load import Description
+from condyn_pin.io.description import Description
 from condyn_pin.io.sdf import read_sdf
 
 pytestmark = pytest.mark.once

@@ -10,7 +10,7 @@ from sdf_texts import INERTIAL, ROUNDING, T, closures, frame_poses, joint, link,
 from shared import each_row
 
 from condyn_pin.errors import InvalidModel, UnknownName
-from condyn_pin.io.load import Description
+from condyn_pin.io.description import Description
 
 
 def cuts(robot) -> list[tuple[str, str]]:

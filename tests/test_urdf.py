@@ -17,7 +17,7 @@ from shared import each_row
 from urdf_texts import INERTIA, SWING, joint, link, tip
 
 import condyn_pin as cp
-from condyn_pin.io.load import example_robot_data
+from condyn_pin.io.description import example_robot_data
 from condyn_pin.io.urdf import read_urdf
 
 

@@ -22,9 +22,9 @@ Engine: TypeAlias = Literal["auto", "core", "python"]
 # With the value "python", "auto" is Python: to compare both.
 VARIABLE: Final = "CONDYN_ENGINE"
 
-# Of the arrays that are handed over; a module of another one was built from another version.
-PROTOCOL: Final = 12
-TICK_PROTOCOL: Final = 3
+# Of the fields that are handed over; a module of another one was built from another version.
+PROTOCOL: Final = 13
+TICK_PROTOCOL: Final = 4
 
 BUILD: Final = "pip install ./native, in a checkout of condyn_pin, builds it in some minutes"
 BUILD_RECURSIONS: Final = (

@@ -48,6 +48,11 @@ class FrameRelation(BetweenFrames, ABC):
         return differenced_bend(self.weights_rate, R, r, s)
 
     @property
+    def of_cut(self) -> None:
+        """None: the compiled core lacks equations of a user."""
+        return
+
+    @property
     def row_words(self) -> tuple[str, ...]:
         """Name of each row, behind that of the constraint."""
         return tuple(str(i + 1) for i in range(self.rows))

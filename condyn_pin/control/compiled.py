@@ -1,4 +1,4 @@
-"""A controller's tick in the compiled core: arrays across the border, answers back.
+"""A controller's tick in the compiled core: named fields across the border, answers back.
 
 CompiledTick: terms, program, answer and proof of a control tick in the compiled core.
 
@@ -19,7 +19,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled_tick, refuse
-from condyn_pin.constraints.rows.bound import STILL, placement
+from condyn_pin.constraints.rows.bound import STILL
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.cones import Cones, FrictionCone, RoundCone, WrenchCone
 from condyn_pin.control.actuation import Actuation
@@ -29,12 +29,10 @@ from condyn_pin.control.program import Program
 from condyn_pin.control.qp.qp_solver import PolishedAnswer
 from condyn_pin.control.support import edge_notices
 from condyn_pin.control.tasks.task import BoundTask, CompiledTask, Task
-from condyn_pin.dynamics.compiled import of_model, of_rows, why_not_rows
+from condyn_pin.dynamics.compiled import describe_rows, why_not_rows
 from condyn_pin.dynamics.scene import Scene
 
-# What a controller's tick is made of as plain arrays, and what of it the compiled core has not.
-#
-# The places of the fields are those that ``native/src/tick/ticks.cpp`` reads.
+# What a controller's tick is made of, in the fields that the core reads, and what it lacks.
 
 
 # The KKT residual of an answer without a doubt: forces weigh 1e-5, and are off by the residual over
@@ -76,79 +74,58 @@ def _with_cones(program: Program) -> set[int]:
     return {i for i, bound in enumerate(bounds) if bound.rows.start in touching}
 
 
-def of_program(program: Program, regularisation: float) -> dict[str, Any]:
-    """Return all numbers that stay the same from tick to tick."""
+def describe(program: Program, regularisation: float) -> dict[str, Any]:
+    """All that stays the same from tick to tick."""
     equations, cones = program.equations, program.cones
-    model = of_model(equations.model)
-    del model["damping"]  # of `passive`, which the caller knows
-    numbers = [
-        program.mass, regularisation, tolerances.RANK, tolerances.PARALLEL, CLEAR, equations.least,
-        STRICTLY, SLACK, DECIDED,
-    ]  # fmt: skip
     return {
-        **model,
-        **of_rows(equations.bounds, equations.drift),
-        **_of_tasks(program),
+        **describe_rows(equations.model, equations.bounds, equations.drift),
+        "tasks": _describe_tasks(program),
         "levels": [len(stack.rows) for stack in program.levels],
-        **_of_cones(program),
-        **_of_bounds(program),
-        "held": cones.held.tolist(),
-        "touching": cones.touching.tolist(),
-        "driven": equations.driven.tolist(),
-        "motors": program.actuation.columns.tolist(),
-        "rigid": program.rigid.argmax(axis=1).tolist() if len(program.rigid) else [],
-        "limited": program.torque.L.argmax(axis=1).tolist() if program.torque.names else [],
+        "cones": cones.standing,
+        "turning": [
+            {
+                "constraint": equations.bounds.index(cone.bound),
+                "row": cone.block[0].start, "column": cone.block[1].start, "edge": cone.edge,
+                "floor": cone.floor, "A": cone.A, "to_wrench": cone.to_wrench,
+            }
+            for cone in cones.turning
+        ],
+        "accelerations": _describe_bounds(program),
+        "held": cones.held,
+        "touching": cones.touching,
+        "driven": equations.driven,
+        "motors": program.actuation.columns,
+        "rigid": program.rigid.argmax(axis=1) if len(program.rigid) else (),
+        "limited": program.torque.L.argmax(axis=1) if program.torque.names else (),
         "torque": program.torque.most / program.mass,
-        "numbers": np.array(numbers),
-    }
+        "mass": program.mass, "regularisation": regularisation, "rank": tolerances.RANK,
+        "parallel": tolerances.PARALLEL, "kkt": CLEAR, "least": equations.least,
+        "strictly": STRICTLY, "slack": SLACK, "decided": DECIDED,
+    }  # fmt: skip
 
 
-def _of_tasks(program: Program) -> dict[str, Any]:
-    integers, numbers = [], []
-    columns: list[int] = []
-    hard = {task.name for task, _ in program.hard.bound}
+def _describe_tasks(program: Program) -> list[dict[str, Any]]:
+    hard, found = {task.name for task, _ in program.hard.bound}, []
     for task, bound in tasks_of(program):
         made: CompiledTask = bound.compiled  # type: ignore[assignment]  # `why_not` has looked
-        count, is_hard = len(made.columns), task.name in hard
-        integers.append([made.kind, len(bound.names), made.at, is_hard, *made.sizes, count])
-        placed = STILL if made.placement is None else placement(made.placement)
-        numbers.append([*placed, *made.gains, 0.0 if is_hard else task.weight])
-        columns += made.columns
-    return {
-        "tasks": np.array(integers, np.int32).reshape(-1, 7),
-        "of_tasks": np.array(numbers, float).reshape(-1, 15),
-        "task_columns": columns,
-    }
+        is_hard, (of_x, of_v), (kp, kd) = task.name in hard, made.sizes, made.gains
+        found.append({
+            "kind": made.kind, "size": len(bound.names), "at": made.at, "hard": is_hard,
+            "placement": STILL if made.placement is None else made.placement, "kp": kp, "kd": kd,
+            "weight": 0.0 if is_hard else task.weight, "columns": made.columns, "of_x": of_x,
+            "of_v": of_v,
+        })  # fmt: skip
+    return found
 
 
-def _of_cones(program: Program) -> dict[str, Any]:
-    bounds, turning = program.equations.bounds, program.cones.turning
-    places = [
-        [bounds.index(cone.bound), cone.block[0].start, cone.block[1].start, cone.edge]
-        for cone in turning
-    ]
-    return {
-        "cones": program.cones.standing,
-        "turning": np.array(places, np.int32).reshape(-1, 4),
-        "floors": np.array([cone.floor.ravel() for cone in turning]).reshape(-1, 9),
-        "A": [np.ascontiguousarray(cone.A) for cone in turning],
-        "to_wrench": [np.ascontiguousarray(cone.to_wrench) for cone in turning],
-    }
-
-
-def _of_bounds(program: Program) -> dict[str, Any]:
+def _describe_bounds(program: Program) -> dict[str, Any]:
     bounds = program.bounds
     joints, (highest, lowest) = bounds.joints, bounds.reach
     return {
-        "bounded": bounds.columns.tolist(),
-        "most": bounds.most,
-        "speed": bounds.speed,
-        "dt": bounds.dt or 0.0,
-        "at_q": np.asarray(joints.iq).tolist(),
-        "at_v": np.asarray(joints.iv).tolist(),
-        "lowest": np.ascontiguousarray(lowest),
-        "highest": np.ascontiguousarray(highest),
-    }
+        "columns": bounds.columns, "most": bounds.most, "speed": bounds.speed,
+        "dt": bounds.dt or 0.0, "at_q": joints.iq, "at_v": joints.iv, "lowest": lowest,
+        "highest": highest,
+    }  # fmt: skip
 
 
 class References:
@@ -193,7 +170,7 @@ class CompiledTick:
         regularisation: float,
     ) -> None:  # fmt: skip
         refuse(why_not(program), "engine='auto'")
-        self._core = compiled_tick().Tick(**of_program(program, regularisation))
+        self._core = compiled_tick().Tick(**describe(program, regularisation))
         self._program, self._scene = program, scene
         self._cones, self._actuation = cones, actuation
         tasks = tasks_of(program)
@@ -201,10 +178,12 @@ class CompiledTick:
             [bound.compiled for _, bound in tasks if bound.compiled], program.equations
         )
         self._sides = np.zeros((len(program.levels), len(program.inequalities)), np.int8)
-        n, m, r = scene.robot.nv, scene.rows, len(program.rigid)
-        self._parts = tuple(np.cumsum([0, n, n, n, m, r]).tolist())
+        parts = self._core.parts
+        self._v, self._a, self._tau, self._lam, self._rigid, self._task_errors = (
+            parts[name] for name in ("v", "a", "tau", "lam", "rigid", "errors")
+        )
         self._errors = dict(_rows([(task.name, len(bound.names)) for task, bound in tasks]))
-        self._size = self._parts[-1] + sum(len(bound.names) for _, bound in tasks)
+        self._size = self._task_errors.stop
 
     def solve(self, q: Array, v: Array, t: float, passive: Array) -> ControlAnswer | None:
         """Return the answer of one tick; None where Python has to answer."""
@@ -212,46 +191,48 @@ class CompiledTick:
         if np.abs(self._program.gaps(q, t)).max(initial=0.0) > tolerances.OPEN:
             return None  # redundant rows look independent there
         out = np.empty(self._size)
-        kkt, dynamics, constraints, *sizes, answered, changes, seconds = self._core.solve(
+        sizes = self._core.solve(
             q, v, passive, self._references.at(t), self._sides.reshape(-1), out
         )
-        size, torque, unreached = sizes
-        reached = tolerances.SOLVED * max(size, tolerances.GRAVITY) + unreached
-        clear = kkt <= CLEAR and dynamics <= tolerances.SOLVED * torque and constraints <= reached
-        if not clear:
+        kkt, dynamics, constraints = sizes.kkt, sizes.dynamics, sizes.constraints
+        size = max(sizes.a, tolerances.GRAVITY)
+        kept = constraints <= tolerances.SOLVED * size
+        if not (
+            kkt <= CLEAR
+            and dynamics <= tolerances.SOLVED * sizes.torque
+            and (kept or constraints <= tolerances.SOLVED * size + sizes.unreached)
+        ):
             return None
-        at_v, at_a, at_tau, at_lam, at_rigid, at_errors = self._parts
-        errors = out[at_errors:]
+        v, a, tau, lam = out[self._v], out[self._a], out[self._tau], out[self._lam]
+        errors = out[self._task_errors]
         notices: tuple[str, ...] = ()
-        if constraints > tolerances.SOLVED * max(size, tolerances.GRAVITY):
+        if not kept:
             self._program.equations.at(t)
-            a, lam = out[at_a:at_tau], out[at_lam:at_rigid]
-            notices = self._program.unkept(q, out[at_v:at_a], a, lam, max(size, tolerances.GRAVITY))
-        sides = self._sides[answered - 1]
+            notices = self._program.unkept(q, v, a, lam, size)
+        sides = self._sides[sizes.answered - 1]
         active = active_rows(self._program, sides.nonzero()[0], sides > 0) if sides.any() else ()
-        lam = out[at_lam:at_rigid]
         notices += edge_notices(self._scene, q, lam, active)
-        tau, motors = out[at_tau:at_lam], self._actuation
+        motors = self._actuation
         return ControlAnswer(
             u=tau[motors.columns] / motors.gears,
             tau=tau,
-            a=out[at_a:at_tau],
+            a=a,
             lam=lam,
-            rigid=out[at_rigid:at_errors],
+            rigid=out[self._rigid],
             errors={name: errors[rows] for name, rows in self._errors.items()},
             active=active,
             infeasible=None,
             residuals=ControlResiduals(kkt, dynamics, constraints),
             status=ControlStatus.OK,
             path=_PATH,
-            iterations=changes,
-            solve_time=seconds,
+            iterations=sizes.changes,
+            solve_time=sizes.seconds,
             actuation=self._actuation,
             cones=self._cones,
             scene=self._scene,
             q=q.copy(),
             t=t,
-            v=out[at_v:at_a],
+            v=v,
             notices=notices,
         )
 

@@ -1,4 +1,4 @@
-"""A workspace's scene in the compiled core: arrays across the border, answers back.
+"""Boundary to the compiled core: a scene as named fields, answers back.
 
 CompiledCore: a workspace whose hot loops are compiled.
 
@@ -9,7 +9,7 @@ the state is answered by Python: hard cases are handled in one place only.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from functools import cached_property
 from math import inf
 from typing import Any, Final
@@ -24,10 +24,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled, constrained_aba, refuse
 from condyn_pin._core.models import axes, indices, is_forest
 from condyn_pin.constraints.contacts.candidates import pieces_of
-from condyn_pin.constraints.contacts.shapes import Core
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce, Loads
-from condyn_pin.constraints.rows.bound import BoundConstraint, PinocchioConstraint, placement
+from condyn_pin.constraints.rows.bound import BoundConstraint, PinocchioConstraint
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives, Linearisation
@@ -44,26 +43,20 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.model.robot import Robot
 
-# A scene as plain arrays, and what of it the compiled core does not take.
+# A scene in the fields that the core reads, and what of it the core lacks.
 #
-# No object of Pinocchio crosses the border: kinds of joints by their names, everything else as
-# numbers. ``native/src/core`` reads them; the places of its fields are those here.
+# No object of Pinocchio crosses the border but placements, whose rotation and translation are read.
+# ``native/src/fields.hpp`` reads keys of dictionaries, and attributes of what is bound: contacts,
+# constraints of Pinocchio, shapes.
 
 
 # No acceleration of a machine, as in `Workspace`.
 _LARGEST: Final = 1e100
 
-# Kinds of joints that are compiled.
-JOINTS: Final = (
-    *("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned"),
-    *("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned"),
-    *("JointModelFreeFlyer", "JointModelSpherical"),
-)
-
-
-# Solvers in the order of their methods there, after `Proximal`. These are exact, and so is what the
-# core has in their place: nothing but rounding tells them from it.
+# Solvers that are exact, and so is what the core has in their place: nothing but rounding tells
+# them from it.
 _DIRECT: Final[tuple[Solver, ...]] = (DenseKKT(), NullSpace())
+_METHODS: Final = ("independent", "minimum_norm")
 
 
 def why_not(workspace: Workspace) -> Iterator[str]:
@@ -100,143 +93,138 @@ def why_not_rows(model: Any, bounds: Sequence[BoundConstraint]) -> Iterator[str]
 
 
 def _why_not_joints(model: Any) -> Iterator[str]:
+    for joint in _others(model, compiled().joints):
+        yield f"{joint}, which it was not compiled for"
+
+
+def _others(model: Any, kinds: Collection[str]) -> Iterator[str]:
+    """Yield the joints of other kinds, in words."""
     for name, joint in zip(model.names, model.joints, strict=True):
-        if joint.id and joint.shortname() not in JOINTS:
-            yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"
+        if joint.id and joint.shortname() not in kinds:
+            yield f"joint {name!r} is a {joint.shortname()}"
 
 
-def of_model(model: Any) -> dict[str, Any]:
-    """Return all numbers of a model that the equations read."""
-    kinds, rows, q = [], [], pin.neutral(model)
-    for i in range(1, model.njoints):
-        joint, Y = model.joints[i], model.inertias[i]
-        axis = np.zeros(3)
-        if joint.nv == 1:
-            linear, angular = axes(joint, q)[:, 0].reshape(2, 3)
-            axis = angular if angular.any() else linear
-        kinds.append(joint.shortname())
-        placed = placement(model.jointPlacements[i])
-        rows.append([*axis, *placed, Y.mass, *Y.lever, *Y.inertia.ravel()])
+def describe_tree(model: Any) -> dict[str, Any]:
+    """Joints and bodies of a model, for any compiled joint."""
+    q = pin.neutral(model)
+    joints = []
+    for joint, placement, Y, parent in zip(
+        *(list(each)[1:] for each in (model.joints, model.jointPlacements, model.inertias)),
+        list(model.parents)[1:], strict=True,
+    ):  # fmt: skip
+        subspace = np.zeros((6, 2))
+        if joint.nv <= 2:  # larger joints move as their kind says
+            subspace[:, : joint.nv] = axes(joint, q)
+        joints.append({
+            "kind": joint.shortname(), "parent": parent, "subspace": subspace,
+            "placement": placement, "mass": Y.mass, "lever": Y.lever, "inertia": Y.inertia,
+        })  # fmt: skip
+    return {"joints": joints, "gravity": model.gravity.linear, "armature": model.armature}
+
+
+def describe_rows(
+    model: Any, bounds: Sequence[BoundConstraint], drift: Baumgarte | None
+) -> dict[str, Any]:
+    """Tree and constraints of a scene, and the gains of its drift control."""
     return {
-        "kinds": kinds,
-        "parents": np.array(list(model.parents)[1:], np.int32),
-        "joints": np.array(rows, float).reshape(-1, 28),
-        "gravity": np.array(model.gravity.linear),
-        "armature": np.array(model.armature),
-        "damping": np.array(model.damping, float),
+        "tree": describe_tree(model),
+        "constraints": [rows for bound in bounds if (rows := bound.compiled())],
+        "kp": drift.Kp if drift else 0.0,
+        "kd": drift.Kd if drift else 0.0,
     }
 
 
-def of_springs(robot: Robot) -> dict[str, Any]:
-    """Return the springs: of joints stiffness and reference, and where q and v hold each."""
-    # Between frames the joints that these are on, their origins there, and what acts along the
-    # line.
+def describe(workspace: Workspace) -> dict[str, Any]:
+    """Scene of a workspace, its solver, and the constants of the error check."""
+    scene, equations, solver = workspace.scene, workspace.equations, workspace.solver
+    nominal, found = scene.nominal, workspace.pinocchio_constraints
+    plain = found.constraints if isinstance(solver, Proximal) else ()
+    return {
+        **describe_rows(workspace.model, workspace.bounds, workspace.drift),
+        **_describe_springs(scene.robot),
+        "plain": plain,
+        "to_scene": np.zeros((0, 0)) if not plain or found.to_scene is None else found.to_scene,
+        "wanted": equations.wanted_at(None) if equations.is_driven else np.zeros((3, 0)),
+        "method": _METHODS[_DIRECT.index(solver)] if solver in _DIRECT else "proximal",
+        "proximal": _describe_proximal(workspace),
+        "weights": nominal.estimator.weights,
+        "verdict": _describe_verdict(nominal.estimator),
+        "open_squared": tolerances.OPEN**2,
+        "watched": nominal.pivots.watched,
+        "nominal_pivots": nominal.pivots.nominal,
+        "dependent": nominal.dependent,
+        "least_squared": equations.least,
+        "precision": _describe_precision(scene),
+    }
+
+
+def _describe_springs(robot: Robot) -> dict[str, Any]:
     chosen = [spring for spring in robot.springs if spring.stiffness]
     at_q, at_v = indices(robot.model, [spring.joint for spring in chosen])
-    numbers = [[spring.stiffness, spring.reference] for spring in chosen]
-    acting = [each for each in robot.spring_dampers if each.stiffness or each.damping]
-    ends = [(robot.frame(each.frame_a), robot.frame(each.frame_b)) for each in acting]
-    joints = [[joint for joint, _ in pair] for pair in ends]
-    lines = [
-        [*a.translation, *b.translation, each.stiffness, each.damping, each.rest_length]
-        for ((_, a), (_, b)), each in zip(ends, acting, strict=True)
+    between = []
+    for each in robot.spring_dampers:
+        if each.stiffness or each.damping:
+            (joint_a, a), (joint_b, b) = robot.frame(each.frame_a), robot.frame(each.frame_b)
+            between.append({
+                "joint_a": joint_a, "joint_b": joint_b, "a": a.translation, "b": b.translation,
+                "stiffness": each.stiffness, "damping": each.damping,
+                "rest_length": each.rest_length,
+            })  # fmt: skip
+    springs = [
+        {"at_q": q, "at_v": v, "stiffness": spring.stiffness, "reference": spring.reference}
+        for spring, q, v in zip(chosen, at_q, at_v, strict=True)
     ]
+    return {"damping": robot.model.damping, "springs": springs, "between": between}
+
+
+def _describe_proximal(workspace: Workspace) -> dict[str, Any]:
+    solver = workspace.solver
+    if not isinstance(solver, Proximal):
+        zero = {"absolute": 0.0, "relative": 0.0, "mu": 0.0, "limit": 0}
+        return {**zero, "adaptive": False}
+    mu, accuracy, limit, adaptive, _ = solver.iteration(workspace.scene.nominal)
     return {
-        "springs": np.array(numbers, float).reshape(-1, 2),
-        "of_springs": np.column_stack([at_q, at_v]).astype(np.int32),
-        "between": np.array(joints, np.int32).reshape(-1, 2),
-        "of_between": np.array(lines, float).reshape(-1, 9),
-    }
+        "absolute": solver.absolute_accuracy, "relative": accuracy, "mu": mu, "limit": limit,
+        "adaptive": adaptive,
+        "better": solver.mu_at_state(workspace).better if adaptive else {},
+    }  # fmt: skip
 
 
-def of_rows(bounds: Sequence[BoundConstraint], drift: Baumgarte | None) -> dict[str, Any]:
-    """Return the rows of a scene, and the gains that draw them back."""
-    rows = [made for bound in bounds if (made := bound.compiled())]
-    return {
-        "constraints": np.array([row.integers for row in rows], np.int32).reshape(-1, 14),
-        "of_constraints": np.array([row.numbers for row in rows], float).reshape(-1, 27),
-        "drift": np.array([drift.Kp, drift.Kd] if drift else [0.0, 0.0]),
-    }
-
-
-def of_constraints(workspace: Workspace) -> dict[str, Any]:
-    """Return the rows of the scene, what Pinocchio has in their place, and where paths are."""
-    found, equations = workspace.pinocchio_constraints, workspace.equations
-    taken = found.constraints if type(workspace.solver) is Proximal else ()
-    plain = [
-        ([c.size, c.joint1, c.joint2, c.anchored, c.approximates],
-         [*placement(c.placement1), *placement(c.placement2)])
-        for c in taken
-    ]  # fmt: skip
-    to_scene = found.to_scene if taken and found.to_scene is not None else np.zeros((0, 0))
-    return of_rows(workspace.bounds, workspace.drift) | {
-        "plain": np.array([ints for ints, _ in plain], np.int32).reshape(-1, 5),
-        "of_plain": np.array([numbers for _, numbers in plain], float).reshape(-1, 24),
-        "to_scene": np.ascontiguousarray(to_scene),
-        "wanted": equations.wanted_at(None) if equations.is_driven else np.zeros((3, 0)),
-    }
-
-
-def of_solver(workspace: Workspace) -> dict[str, Any]:
-    """Return the method, the iteration of `Proximal`, and the constants of the error check."""
-    solver, nominal = workspace.solver, workspace.scene.nominal
-    plan = [0.0] * 14
-    if isinstance(solver, Proximal):
-        mu, accuracy, limit, patient, _ = solver.iteration(nominal)
-        better = solver.mu_at_state(workspace).numbers if patient else (0.0,) * 9
-        plan = [solver.absolute_accuracy, accuracy, mu, limit, patient, *better]
-    return {
-        "method": 1 + _DIRECT.index(solver) if solver in _DIRECT else 0,
-        "weights": np.ascontiguousarray(nominal.estimator.weights),
-        "verdict": of_verdict(nominal.estimator),
-        "open_squared": tolerances.OPEN**2,
-        "watched": nominal.pivots.watched.astype(np.int32),
-        "nominal_pivots": np.ascontiguousarray(nominal.pivots.nominal),
-        "rank": np.array([nominal.dependent, workspace.equations.least], float),
-        "proximal": np.array(plan, float),
-    }
-
-
-def of_precision(scene: Scene) -> dict[str, Any]:
+def _describe_precision(scene: Scene) -> dict[str, Any]:
     """Scales of rows and moves, and where rows are judged at the precision of a state."""
     nominal, is_judged = scene.nominal, scene.rows and scene.robot.precision > 0.0
     every_row = Redundancy(np.ones(scene.rows), np.ones(scene.robot.nv), 0, 0.0, 1.0)
     by, gap = (nominal.redundancy, tolerances.OPEN) if is_judged else (every_row, inf)
-    off = gap, gap if nominal.dependent else inf, tolerances.AJAR if is_judged else inf
-    numbers = [by.floor, by.least, tolerances.REFERENCE_RANK, *off, tolerances.DOUBT, by.size]
     return {
-        "row_scales": np.ascontiguousarray(by.R),
-        "move_scales": np.ascontiguousarray(by.D),
-        "precision": np.array([*numbers, nominal.looks_independent], float),
-        "idle": np.flatnonzero(nominal.idle).astype(np.int32),
-    }
+        "row_scales": by.R, "move_scales": by.D, "floor": by.floor, "least": by.least,
+        "share": tolerances.REFERENCE_RANK, "open": gap,
+        "moving": gap if nominal.dependent else inf,
+        "ajar": tolerances.AJAR if is_judged else inf, "doubt": tolerances.DOUBT, "size": by.size,
+        "looks_independent": nominal.looks_independent, "idle": np.flatnonzero(nominal.idle),
+    }  # fmt: skip
 
 
-def of_verdict(by: ErrorEstimator) -> Array:
-    """Return the constants of the error check, as in `ErrorEstimator.prove` and `Verifier`."""
-    of_residuals = by.gravity, by.largest_weight, by.per_row, by.rounding, *by.leaning_rounding
-    of_doubts = (
-        by.negligible_constraint_error,
-        by.plausible_acceleration,
-        by.plausible_force,
-        by.negligible_dynamics_error,
-    )
-    return np.array([*of_residuals, *of_doubts, tolerances.SOLVED, QUATERNION_TOLERANCE, _LARGEST])
+def _describe_verdict(by: ErrorEstimator) -> dict[str, float]:
+    """Constants of the error check, as in `ErrorEstimator.prove` and `Verifier`."""
+    leaning, leaning_forces = by.leaning_rounding
+    own = (
+        "gravity", "largest_weight", "per_row", "rounding", "negligible_constraint_error",
+        "plausible_acceleration", "plausible_force", "negligible_dynamics_error",
+    )  # fmt: skip
+    return {
+        **{name: getattr(by, name) for name in own},
+        "leaning": leaning, "leaning_forces": leaning_forces, "solved": tolerances.SOLVED,
+        "loose": QUATERNION_TOLERANCE, "fastest": _LARGEST,
+    }  # fmt: skip
 
 
-def of_forces(loads: Loads, forces: Sequence[AppliedForce], count: int) -> dict[str, Any]:
-    """Return forces from outside at some states: where they act, and their six numbers at each."""
+def describe_forces(loads: Loads, forces: Sequence[AppliedForce], count: int) -> dict[str, Any]:
+    """Forces from outside at some states: where they act, and six numbers of each at each state."""
     bound = loads.bind([force.row(0) for force in forces]) if count else ()
     wrenches = np.zeros((count, 6 * len(bound)))
     for k, force in enumerate(forces[: len(bound)]):
         wrenches[:, 6 * k : 6 * k + force.numbers.shape[-1]] = force.numbers
-    placements = [placement(push.place.placement) for push in bound]
-    pushes = [(push.place.joint, push.in_world) for push in bound]
-    return {
-        "pushes": np.array(pushes, np.int32).reshape(-1, 2),
-        "placements": np.array(placements, float).reshape(-1, 12),
-        "wrenches": wrenches,
-    }
+    return {"pushes": bound, "wrenches": wrenches}
 
 
 def contiguous(x: Array, count: int) -> Array:
@@ -259,17 +247,14 @@ class CompiledCore:
         refuse(why_not(workspace))
         self.workspace, self._arguments = workspace, workspace.scene.robot.arguments
         self._scene = workspace.scene
-        nq, n, m = workspace.model.nq, workspace.model.nv, self._scene.rows
-        # of what comes back of one state: a, lam, q, v, and seven numbers
-        self._ends, self._size = (n, n + m, n + m + nq, n + m + nq + n), n + m + nq + n + 7
+        n, m = workspace.model.nv, self._scene.rows
         self._blocks = 3, n + m, n
-        self.core = compiled().Core(
-            **of_model(workspace.model),
-            **of_springs(workspace.scene.robot),
-            **of_constraints(workspace),
-            **of_solver(workspace),
-            **of_precision(workspace.scene),
+        self.core = compiled().Core(**describe(workspace))
+        parts = self.core.parts  # of what comes back of one state
+        self._a, self._lam, self._q, self._v, self._residuals, self._iterations, self._time = (
+            parts[name] for name in ("a", "lam", "q", "v", "residuals", "iterations", "solve_time")
         )
+        self._size = self._time.stop
         self._solve, self._differentiate = self.core.solve_one, self.core.differentiate_one
 
     def check(self, forces: Sequence[AppliedForce] = (), method: str = "kkt") -> None:
@@ -304,7 +289,7 @@ class CompiledCore:
             said = self._solve(q, v, tau, accuracy, out)
         except (TypeError, ValueError):
             said = self._solve(*self._converted(q, v, tau), accuracy, out)
-        return said and self._solution(out, tau, *said)
+        return said and self._solution(out, tau, said)
 
     def derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, accuracy: float
@@ -319,24 +304,27 @@ class CompiledCore:
 
     def solution(self, out: Array, tau: Array) -> Solution:
         """Return the solution of one state that the core has written beside its derivatives."""
-        *residuals, iterations, seconds = out[self._ends[-1] :].tolist()
-        return self._solution(out, tau, residuals, int(iterations), seconds)
+        said = {
+            "residuals": out[self._residuals].tolist(),
+            "iterations": int(out[self._iterations].item()),
+            "solve_time": out[self._time].item(),
+        }
+        return self._solution(out, tau, said)
 
-    def _solution(
-        self, out: Array, tau: ArrayLike, residuals: Iterable[float], iterations: int,
-        seconds: float,
-    ) -> Solution:  # fmt: skip
-        a, lam, q, v = self._ends
-        question = Question(out[lam:q], out[q:v], _private_copy(tau), (), self.workspace.drift)
+    def _solution(self, out: Array, tau: ArrayLike, said: dict[str, Any]) -> Solution:
+        question = Question(
+            out[self._q], out[self._v], _private_copy(tau), (), self.workspace.drift
+        )
         return Solution(
-            a=out[:a], lam=out[a:lam], residuals=Residuals._make(residuals), status=_OK,
-            iterations=iterations, solve_time=seconds, scene=self._scene, question=question,
+            a=out[self._a], lam=out[self._lam], residuals=Residuals._make(said["residuals"]),
+            status=_OK, iterations=said["iterations"], solve_time=said["solve_time"],
+            scene=self._scene, question=question,
         )  # fmt: skip
 
     def velocity(self, out: Array) -> Array:
         """Return v (nv,) of one state."""
-        _, _, q, v = self._ends
-        return out[q:v]
+        v: Array = out[self._v]
+        return v
 
     @cached_property
     def equations(self) -> tuple[Equations, Linearisation]:
@@ -354,10 +342,10 @@ class CompiledCore:
         q, v, tau = state
         clear = np.zeros(len(q), np.int32)
         work(
-            q, v, contiguous(tau, len(q)), a=outputs["a"], lam=outputs["lam"],
+            Q=q, V=v, TAU=contiguous(tau, len(q)), a=outputs["a"], lam=outputs["lam"],
             residuals=outputs["residuals"], iterations=outputs["iterations"], clear=clear,
             times=outputs["solve_times"], **more,
-            **of_forces(self.workspace.loads, forces, len(q)),
+            **describe_forces(self.workspace.loads, forces, len(q)),
             accuracy=self.workspace.solver.accuracy if accuracy is None else accuracy,
         )  # fmt: skip
         outputs["statuses"][:] = 0
@@ -369,9 +357,7 @@ def _private_copy(tau: ArrayLike) -> Array:
     return np.array(tau, dtype=float)
 
 
-# Contacts that open, stick and slide as plain arrays, and what of them the compiled core has not.
-#
-# The places of the fields are those that ``native/src/core/contact_arrays.cpp`` reads.
+# Contacts that open, stick and slide, and what of them the compiled core lacks.
 
 
 def why_not_contacts(scene: Scene) -> Iterator[str]:
@@ -391,44 +377,14 @@ def why_not_contacts(scene: Scene) -> Iterator[str]:
         yield f"{listed(at_seams)}: pieces of one body side by side, whose seams it would meet"
 
 
-def of_contacts(scene: Scene, rank: int) -> dict[str, Any]:
-    """Return the contacts of a scene; `rank` is that of its constraints."""
+def describe_contacts(scene: Scene, rank: int) -> dict[str, Any]:
+    """Contacts of a scene, as they are bound; `rank` is that of its constraints."""
     bounds = scene.contact_bounds
-    touches = [touch for bound in bounds for touch in bound.touches]
-    pairs = [pair for bound in bounds for pair in bound.pairs]
-    stops = [stop for bound in bounds for stop in bound.stops]
-    dry = [each for bound in bounds for each in bound.dry]
-    of_touches = [[*t.centre, t.radius, t.friction, *placement(t.plane)] for t in touches]
-    of_pairs = [
-        [*placement(p.placement), *placement(p.ground_placement), p.friction] for p in pairs
-    ]
-    shapes = [core for p in pairs for core in (p.shape, p.ground_shape)]
-    return {
-        "touches": np.array([[t.joint, t.ground] for t in touches], np.int32).reshape(-1, 2),
-        "of_touches": np.array(of_touches, float).reshape(-1, 17),
-        "pairs": np.array([[p.joint, p.ground] for p in pairs], np.int32).reshape(-1, 2),
-        "of_pairs": np.array(of_pairs, float).reshape(-1, 25),
-        "shapes": [_integers(core) for core in shapes],
-        "of_shapes": [_numbers(core) for core in shapes],
-        "stops": np.array([[s.iq, s.iv] for s in stops], np.int32).reshape(-1, 2),
-        "of_stops": np.array([[s.sign, s.limit] for s in stops], float).reshape(-1, 2),
-        "dry": np.array([each.iv for each in dry], np.int32),
-        "of_dry": np.array([each.limit for each in dry], float),
-        "rank": rank,
+    found: dict[str, Any] = {
+        kind: [each for bound in bounds for each in getattr(bound, kind)]
+        for kind in ("touches", "pairs", "stops", "dry")
     }
-
-
-def _integers(core: Core) -> NDArray[np.int32]:
-    """Return the numbers of what a shape has, its edges, and its faces by their vertices."""
-    counts = (len(core.vertices), len(core.edges), len(core.normals), len(core.directions))
-    loops = [number for loop in core.loops for number in (len(loop), *loop)]
-    return np.array([*counts, *core.edges.ravel(), *loops], np.int32)
-
-
-def _numbers(core: Core) -> Array:
-    """Return radius, size and reach of a shape, and where all that it has is."""
-    parts = core.vertices, core.normals, core.heights, core.directions
-    return np.concatenate([(core.radius, core.size, core.reach), *map(np.ravel, parts)])
+    return found | {"rank": rank}
 
 
 # Derivatives of one answer, formed by the compiled core.
@@ -468,7 +424,7 @@ class CompiledDerivatives(KktDerivatives):
 
 # Recursions over a tree whose bodies are held at the world: `constrainedABA` and `pv`, compiled.
 #
-# A scene crosses the border as numbers: what is compiled has a Pinocchio of its own.
+# What is compiled has a Pinocchio of its own.
 
 
 class CompiledMethod:
@@ -494,9 +450,14 @@ class CompiledMethod:
         module: Any = None,
     ) -> None:
         module = module or constrained_aba()
-        numbers = _of_model(model, module.joints) | _of_constraints(constraints, drift)
-        settings = {"mu": float(mu), "accuracy": float(accuracy), "limit": int(limit)}
-        self.bound = module.Bound(name, **numbers, **settings)
+        for joint in _others(model, module.joints):
+            raise UnsupportedBackend(
+                f"{joint}, which is not compiled in condyn_pin_native; use LCABA() or Proximal()"
+            )
+        self.bound = module.Bound(
+            name, tree=describe_tree(model), mu=mu, accuracy=accuracy, limit=limit,
+            constraints=[_with_gains(each, drift) for each in constraints],
+        )  # fmt: skip
         self.iterations, self._nv = 0, int(model.nv)
         self._rows = sum(c.size for c in constraints)
 
@@ -521,41 +482,12 @@ class CompiledMethod:
         return lam
 
 
-def _of_model(model: Any, compiled: Collection[str]) -> dict[str, Any]:
-    """Return all numbers of a model that the equations read, for any compiled joint."""
-    q = pin.neutral(model)
-    subspaces = np.zeros((model.njoints - 1, 6, 2))
-    for S, joint in zip(subspaces, list(model.joints)[1:], strict=True):
-        if joint.shortname() not in compiled:
-            raise UnsupportedBackend(
-                f"joint {model.names[joint.id]!r} is a {joint.shortname()}, which is not compiled "
-                "in condyn_pin_native; use LCABA() or Proximal()"
-            )
-        if joint.nv <= 2:  # what larger joints move along is said by their kind
-            S[:, : joint.nv] = axes(joint, q)
-    numbers = of_model(model)
-    bodies = numbers["joints"][:, 3:]  # behind one axis, which does for joints of one coordinate
+def _with_gains(constraint: PinocchioConstraint, drift: Baumgarte | None) -> dict[str, Any]:
+    """Constraint as Pinocchio has it, with the gains of drift control."""
+    by = (constraint.drift or drift) if drift else Baumgarte(0.0, 0.0)
     return {
-        "kinds": numbers["kinds"],
-        "parents": numbers["parents"].tolist(),
-        "joints": np.hstack([subspaces.reshape(-1, 12), bodies]),
-        "gravity": numbers["gravity"],
-        "armature": numbers["armature"],
-    }
-
-
-def _of_constraints(
-    constraints: Sequence[PinocchioConstraint], drift: Baumgarte | None
-) -> dict[str, Any]:
-    """Return the constraints as Pinocchio takes them, with the gains of drift control."""
-    integers = [(c.size, c.joint1, c.joint2) for c in constraints]
-    none = Baumgarte(0.0, 0.0)
-    of_each = [(c.drift or drift) if drift else none for c in constraints]
-    numbers = [
-        (*placement(c.placement1), *placement(c.placement2), d.Kp if c.anchored else 0.0, d.Kd)
-        for c, d in zip(constraints, of_each, strict=True)
-    ]
-    return {
-        "constraint_integers": np.array(integers, np.int32).reshape(-1, 3),
-        "constraint_numbers": np.array(numbers, float).reshape(-1, 26),
-    }
+        "size": constraint.size,
+        "joint1": constraint.joint1, "placement1": constraint.placement1,
+        "joint2": constraint.joint2, "placement2": constraint.placement2,
+        "kp": by.Kp if constraint.anchored else 0.0, "kd": by.Kd,
+    }  # fmt: skip

@@ -129,13 +129,14 @@ class MuAtState:
         self._strong = _STRONG * largest
 
     @property
-    def numbers(self) -> tuple[float, ...]:
+    def better(self) -> dict[str, float]:
         """Constants of `settings` for the compiled core, which decides likewise."""
         (usual, usual_share, _), (few, few_share, _) = self._usual, self._few
-        return (
-            self._accuracy, usual, few, usual_share, few_share,
-            self._weak, self._strong, self._least, self._harmless,
-        )  # fmt: skip
+        return {
+            "finer": self._accuracy, "usual": usual, "few": few, "usual_share": usual_share,
+            "few_share": few_share, "weak": self._weak, "strong": self._strong,
+            "least": self._least, "harmless": self._harmless,
+        }  # fmt: skip
 
     def settings(self, step: float) -> Any:
         """Return settings for better than the last `step` [N]; None where only rounding is left."""

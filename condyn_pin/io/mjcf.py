@@ -41,7 +41,7 @@ from condyn_pin.constraints.held_joint import HeldJoint
 from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.constraints.places import WORLD
 from condyn_pin.errors import InvalidModel
-from condyn_pin.io.load import Description
+from condyn_pin.io.description import Description
 from condyn_pin.io.mjcf_file import (
     body_names,
     compiled,

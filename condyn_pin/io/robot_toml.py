@@ -29,7 +29,7 @@ from condyn_pin.constraints.kinds import Loop, bind, kinds_by_word
 from condyn_pin.constraints.rows.bound import gap_of
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.io.load import Description, check_root_joint, description_file
+from condyn_pin.io.description import Description, check_root_joint, description_file
 from condyn_pin.io.xml import place
 from condyn_pin.model.joints import CoupledMotor, Limits, with_values
 from condyn_pin.model.robot import Robot

@@ -22,7 +22,7 @@ from condyn_pin._core.arguments import check_type, quoted_names
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.io.load import Description, implausible_inertias
+from condyn_pin.io.description import Description, implausible_inertias
 from condyn_pin.io.sdf_file import Joint, Link, SdfModel, parse
 from condyn_pin.io.sdf_tree import (
     MOTOR,

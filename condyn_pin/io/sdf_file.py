@@ -24,7 +24,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import quoted_names
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.io.load import tensor
+from condyn_pin.io.description import tensor
 from condyn_pin.io.sdf_parts import (
     MODEL,
     WORLD,

@@ -55,7 +55,7 @@ from condyn_pin._core.models import z_along
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.io.load import circle_of
+from condyn_pin.io.description import circle_of
 from condyn_pin.io.sdf_file import NO_AXIS, Axis, Gear, Joint, Link, SdfModel
 from condyn_pin.io.sdf_parts import WORLD
 from condyn_pin.model.tree import TreeBuilder, one_coordinate

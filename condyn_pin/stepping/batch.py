@@ -27,7 +27,7 @@ from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.contact.solvers.admm import ADMM, POLISH, RESCUE
 from condyn_pin.contact.solvers.contact_solver import ContactSolver
 from condyn_pin.contact.solvers.newton import SemismoothNewton
-from condyn_pin.dynamics.compiled import contiguous, of_contacts, why_not, why_not_contacts
+from condyn_pin.dynamics.compiled import contiguous, describe_contacts, why_not, why_not_contacts
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
@@ -181,7 +181,7 @@ class SteppedRows(RowWork):
         count = len(inputs["q0"])
         done, codes = np.zeros(count, np.int32), np.zeros(outputs["codes"].shape, np.int32)
         contacts_of(workspace, self.contacts).step(
-            *states_of(workspace, inputs), plan=step_plan(self.integrator, self.dt),
+            **states_of(workspace, inputs), plan=step_plan(self.integrator, self.dt),
             q=outputs["q"], v=outputs["v"], lam=outputs["lam"], errors=outputs["errors"],
             modes=codes, done=done, threads=threads, **paths_of(workspace, self.dt),
         )  # fmt: skip
@@ -312,18 +312,18 @@ class BatchStep(BatchResult[StepSolution]):
 _DEEP: Final = 0.9 * tolerances.NEARLY_CLOSED
 
 
-def step_plan(integrator: Integrator, dt: float, *, to_rounding: bool = False) -> Array:
-    """Settings of a step, as the ``StepPlan`` of the core."""
+def step_plan(integrator: Integrator, dt: float, *, to_rounding: bool = False) -> StepPlan:
+    """Settings of a step for the core."""
     # `to_rounding` makes impulses so accurate that modes can be read from them.
     assert isinstance(integrator, StewartTrinkle)
     method = _method(integrator.contact)
     if to_rounding:
         method = method._replace(alternates=False, newton_first=False, polish=0)
-    return np.array([dt, *method, *_StepPlan(*sizes_of_gaps())], dtype=float)
+    return StepPlan(dt, method, *sizes_of_gaps())
 
 
 class _Method(NamedTuple):
-    """Settings of a contact solver, as the ``ContactMethod`` of the core: Newton's by default."""
+    """Settings of a contact solver for the core: Newton's by default."""
 
     alternates: bool = False
     newton_first: bool = False
@@ -336,7 +336,7 @@ class _Method(NamedTuple):
 
 
 def _method(solver: ContactSolver) -> _Method:
-    """``ContactMethod`` settings of a contact solver."""
+    """Settings of a contact solver."""
     # Where no parameter of `ADMM` is chosen, Newton's method comes first: compiled it takes less
     # time, and ends at rounding.
     if isinstance(solver, ADMM):
@@ -350,9 +350,11 @@ def _method(solver: ContactSolver) -> _Method:
     return _Method(steps=solver.max_iterations)
 
 
-class _StepPlan(NamedTuple):
-    """Tolerances of a step behind dt and its `_Method`, as the ``StepPlan`` of the core."""
+class StepPlan(NamedTuple):
+    """Settings and tolerances of a step, by the names that the core reads."""
 
+    dt: float  # [s]
+    method: _Method
     near: float  # gap of an active contact [m]
     pushed_out: float  # share of a penetration that a step removes [1]
     pushes: float  # its largest speed [m/s, rad/s]
@@ -400,7 +402,7 @@ def contacts_of(workspace: Workspace, contacts: tuple[Contact, ...]) -> Any:
     def make() -> Any:
         scene = replace(workspace.scene, contacts=contacts)
         rank = chains_of(workspace.scene).rank if workspace.scene.rows else 0
-        return compiled().Contacts(workspace.compiled.core, **of_contacts(scene, rank))
+        return compiled().Contacts(workspace.compiled.core, **describe_contacts(scene, rank))
 
     return _contacts.of(workspace, contacts, make)
 
@@ -411,10 +413,10 @@ def paths_of(workspace: Workspace, dt: float) -> dict[str, Array]:
     return {"driven": paths.rows, "path": paths.wanted}
 
 
-def states_of(workspace: Workspace, inputs: Arrays) -> tuple[Array, Array, Array]:
-    """Return q, v and tau of the rows of a chunk, as the core takes them."""
+def states_of(workspace: Workspace, inputs: Arrays) -> dict[str, Array]:
+    """Return Q, V and TAU of the rows of a chunk, for the core."""
     robot, q0 = workspace.scene.robot, inputs["q0"].copy()
     # most have nothing to be normalised, and cost no call each; squared, the limit is half of it
     for i, _, _ in denormalised_parts(robot, q0, 1.0 - NORMALISED, 1.0 + NORMALISED):
         q0[i] = normalised(workspace.model, "q", q0[i])
-    return q0, inputs["v0"], contiguous(inputs["tau0"], len(q0))
+    return {"Q": q0, "V": inputs["v0"], "TAU": contiguous(inputs["tau0"], len(q0))}

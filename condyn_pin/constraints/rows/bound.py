@@ -30,62 +30,41 @@ if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import RedundantRows
 
 
-# Rows of a constraint as numbers: what the compiled core has in place of a bound constraint.
+_EPS = float(np.finfo(np.float64).eps)
+
+# Frame of the joint itself.
+STILL: Final = pin.SE3.Identity()
 
 
-# How the core evaluates rows, by their number there (`native/src/core/constraint.hpp`).
-HELD, BALL, WELD, CUT, ROD, COUPLING, ROLL = range(7)
-
-# Rotation by rows and translation of a frame that stays where its joint is.
-STILL: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
+# Rows of a constraint as the compiled core reads them, by the names of fields.
 
 
 class CompiledRows(NamedTuple):
-    """The rows of one constraint."""
+    """Rows of one constraint in the compiled core (`native/src/core/constraint.hpp`)."""
 
-    how: int  # number of the evaluation in the core
+    kind: Literal["held", "ball", "weld", "cut", "rod", "coupling", "roll"]
     rows: slice  # among those of the scene
     joint1: int = 0  # joints of its bodies
     joint2: int = 0
+    placement1: Any = STILL  # pin.SE3 of its frames on them
+    placement2: Any = STILL
     selection: tuple[int, ...] = ()  # which of the six rows it has
-    is_anchored: bool = True
+    anchored: bool = True
     is_hinge: bool = False
     is_slider: bool = False
-    axis: int = 0  # or axle, -1 of a ball
-    places: tuple[int, ...] = (0, 0, 0, 0)  # of the joints of a coupling, two in q and two in v
-    placement1: Sequence[float] = STILL  # rotation by rows and translation of its frames
-    placement2: Sequence[float] = STILL
+    axis: int = 0  # of a hinge; the axle of a wheel, -1 of a ball; of c1 in a cross
+    other_axis: int = -1  # of c2 in a cross
+    at_q: tuple[int, int] = (0, 0)  # of the two joints of a coupling
+    at_v: tuple[int, int] = (0, 0)
     sign: float = 1.0
     length: float = 0.0  # of a rod, radius of a wheel [m], or ratio of a coupling [1]
     offset: float = 0.0  # of a coupling
-
-    @property
-    def integers(self) -> list[int]:
-        """Fourteen integers, in the order of `native/src/core/constraint.hpp`."""
-        chosen = sum(1 << row for row in self.selection)
-        return [
-            self.how, self.rows.start, self.rows.stop - self.rows.start, self.joint1, self.joint2,
-            chosen, self.is_anchored, self.axis, self.is_hinge, self.is_slider, *self.places,
-        ]  # fmt: skip
-
-    @property
-    def numbers(self) -> list[float]:
-        """Twenty-seven numbers, in the order of the core."""
-        return [*self.placement1, *self.placement2, self.sign, self.length, self.offset]
-
-
-def placement(M: Any) -> list[float]:
-    """Twelve numbers of a placement: the rotation by rows, and the translation [m]."""
-    return [*M.rotation.ravel(), *M.translation]
 
 
 # The contract of a bound constraint: its answers to the rest of the program.
 #
 # `condyn_pin.constraints.constraint` says how a kind is made. Rows are evaluated in groups, not one
 # by one: that stays inside of this room (`condyn_pin.constraints.rows.groups`).
-
-
-_EPS = float(np.finfo(np.float64).eps)
 
 
 @dataclass(frozen=True)
@@ -441,18 +420,12 @@ class BoundBetweenFrames(TwoFrameConstraint):
 
     def compiled(self) -> CompiledRows:
         """Rows in the format of the compiled core."""
-        if self.is_held:
-            how = HELD
-        elif self.is_rod:
-            how = ROD
-        else:
-            how = {POINT: BALL, FRAME: WELD}.get(self.selection, CUT)
+        kind: Any = {POINT: "ball", FRAME: "weld", (): "rod"}.get(self.selection, "cut")
         return CompiledRows(
-            how, self.rows, self.joint1, self.joint2, self.selection, is_anchored=self.anchored,
+            "held" if self.is_held else kind, self.rows, self.joint1, self.joint2,
+            self.placement1, self.placement2, self.selection, anchored=self.anchored,
             is_hinge=self.is_aligned, is_slider=self.size == 5 and not self.is_hinge,
-            axis=self.axis,
-            placement1=placement(self.placement1), placement2=placement(self.placement2),
-            sign=self.sign, length=self.length if self.is_rod else 0.0,
+            axis=self.axis, sign=self.sign, length=self.length if self.is_rod else 0.0,
         )  # fmt: skip
 
     def whole(self, lam: Array) -> Array:

@@ -10,7 +10,7 @@ Relations: rows that a kind writes itself as W s, with s the six relative veloci
 from __future__ import annotations
 
 from abc import ABC
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final, Literal, Protocol, Self
 
@@ -23,15 +23,11 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.models import lengths
 from condyn_pin.constraints.drift import Baumgarte
 from condyn_pin.constraints.rows.bound import (
-    COUPLING,
-    CUT,
-    ROLL,
     BoundConstraint,
     CompiledRows,
     RowPath,
     TwoFrameConstraint,
     length,
-    placement,
     tilt,
 )
 from condyn_pin.constraints.rows.frames import (
@@ -70,6 +66,10 @@ class Relation(Protocol):
 
     def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
         """Return the partials of W' by moves of the frames (6, rows, 6)."""
+
+    @property
+    def of_cut(self) -> Mapping[str, Any] | None:
+        """Fields of its `CompiledRows` as rows of a cut joint; None if the core lacks them."""
 
 
 def differenced_bend(
@@ -147,13 +147,12 @@ class BoundRelation(TwoFrameConstraint):
         return np.asarray(np.minimum(sizes, most).reshape(-1, 2, 3).max(axis=2))
 
     def compiled(self) -> CompiledRows | None:
-        """Rows in the format of the compiled core, those of cut joints, if W selects rows of s."""
-        if not isinstance(self.relation, RelativePosition):
+        """Rows in the format of the compiled core, if it has this relation: some of a cut joint."""
+        if (of_cut := self.relation.of_cut) is None:
             return None
         return CompiledRows(
-            CUT, self.rows, self.joint1, self.joint2, self.relation.chosen,
-            placement1=placement(self.placement1), placement2=placement(self.placement2),
-            sign=self.sign,
+            "cut", self.rows, self.joint1, self.joint2, self.placement1, self.placement2,
+            sign=self.sign, **of_cut,
         )  # fmt: skip
 
 
@@ -191,6 +190,11 @@ class RelativePosition:
     def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
         """Partials of W' (6, rows, 6): zero."""
         return np.zeros((6, len(self.chosen), 6))
+
+    @property
+    def of_cut(self) -> dict[str, Any]:
+        """Rows that are chosen."""
+        return {"selection": self.chosen}
 
 
 class Relations:
@@ -302,9 +306,11 @@ class BoundCoupling(CoordinateRows):
         """Row in the format of the compiled core: q_a - ratio q_b, or one joint alone."""
         if self.bends or self.weights[0] != 1.0 or len(self.weights) > 2:
             return None
-        places = tuple(p[i] for p in (self.configuration, self.velocity) for i in (0, -1))
+        at_q, at_v = ((p[0], p[-1]) for p in (self.configuration, self.velocity))
         ratio = 0.0 if self.is_alone else -self.weights[1]
-        return CompiledRows(COUPLING, self.rows, places=places, length=ratio, offset=self.offset)
+        return CompiledRows(
+            "coupling", self.rows, at_q=at_q, at_v=at_v, length=ratio, offset=self.offset
+        )
 
     def force(self, lam: Array, ends: Callable[[], tuple[Any, Any]]) -> Array:
         """Force along the coordinate of the first joint."""
@@ -434,10 +440,9 @@ class BoundRolling(TwoFrameConstraint):
     def compiled(self) -> CompiledRows:
         """Rows in the format of the compiled core."""
         return CompiledRows(
-            ROLL, self.rows, self.joint1, selection=self.selection, is_anchored=self.anchored,
-            axis=-1 if self.axle is None else self.axle,
-            placement1=placement(self.placement1), placement2=placement(self.placement2),
-            sign=self.sign, length=self.radius,
+            "roll", self.rows, self.joint1, 0, self.placement1, self.placement2, self.selection,
+            anchored=self.anchored, axis=-1 if self.axle is None else self.axle, sign=self.sign,
+            length=self.radius,
         )  # fmt: skip
 
     def whole(self, lam: Array) -> Array:

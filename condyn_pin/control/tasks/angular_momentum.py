@@ -10,7 +10,6 @@ import numpy as np
 from condyn_pin._core.arguments import check_accuracy, check_called
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.control.tasks.task import (
-    ANGULAR_MOMENTUM,
     BoundTask,
     CompiledTask,
     DefaultReference,
@@ -74,7 +73,7 @@ class AngularMomentum(Task):
             return numbers
 
         compiled = CompiledTask(
-            ANGULAR_MOMENTUM, (3, 3), (self.k, 0.0), follow, callable(self.reference)
+            "angular momentum", (3, 3), (self.k, 0.0), follow, callable(self.reference)
         )
         return BoundTask("accelerations", self._row_names("xyz"), "N m", rows, compiled)
 

@@ -30,7 +30,6 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.models import whole_data
 from condyn_pin.control.support import hull, level_floor, margin_of, touching_points
 from condyn_pin.control.tasks.task import (
-    CAPTURE_POINT,
     BoundTask,
     CompiledTask,
     DefaultReference,
@@ -117,8 +116,8 @@ class CapturePoint(Task):
 
         numbers = np.concatenate((place, edges.ravel(), np.zeros(6)))
         compiled = CompiledTask(
-            CAPTURE_POINT, (3 + edges.size, 3), (k, float(omega)), lambda: lambda t: numbers, False,
-            placement=pin.SE3(floor.axes.T, floor.origin),
+            "capture point", (3 + edges.size, 3), (k, float(omega)), lambda: lambda t: numbers,
+            changes=False, placement=pin.SE3(floor.axes.T, floor.origin),
         )  # fmt: skip
         return BoundTask("accelerations", self._row_names("xyz"), "m/s^2", rows, compiled)
 

@@ -11,7 +11,6 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.models import whole_data
 from condyn_pin.control.tasks.task import (
-    CENTER_OF_MASS,
     BoundTask,
     DefaultReference,
     RobotMotion,
@@ -51,7 +50,7 @@ class CenterOfMass(Tracking):
             now = motion.center_of_mass()
             return now.J, wanted(now.x, now.v, t) - now.drift
 
-        compiled = self._compiled(CENTER_OF_MASS, (3, 3), start, np.array)
+        compiled = self._compiled("center of mass", (3, 3), start, np.array)
         return self._chosen(
             BoundTask("accelerations", self._row_names("xyz"), self.unit, rows, compiled)
         )

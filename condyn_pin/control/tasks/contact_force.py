@@ -11,7 +11,6 @@ from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.constraint import text
 from condyn_pin.control.tasks.task import (
-    CONTACT_FORCE,
     NO_FEEDBACK,
     BoundTask,
     CompiledTask,
@@ -80,7 +79,7 @@ class ContactForce(Task):
 
         rest, changes = np.zeros(6), callable(self.reference)
         compiled = CompiledTask(
-            CONTACT_FORCE, (3, 3), NO_FEEDBACK,
+            "contact force", (3, 3), NO_FEEDBACK,
             lambda: lambda t: np.concatenate((wanted(t), rest)), changes, at=place,
         )  # fmt: skip
         return BoundTask("forces", self._row_names("xyz"), "N", rows, compiled)

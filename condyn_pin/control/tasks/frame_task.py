@@ -14,11 +14,10 @@ from condyn_pin.constraints.constraint import placement
 from condyn_pin.constraints.places import set_frames, short_frames
 from condyn_pin.control.tasks.orientation import turn_to
 from condyn_pin.control.tasks.task import (
-    POSE,
-    POSITION,
     BoundTask,
     DefaultReference,
     RobotMotion,
+    TaskKind,
     Tracking,
     approach_by_turns,
     difference,
@@ -88,7 +87,8 @@ class FrameTask(Tracking):
             now = motion.frame(joint, place)
             return now.J[:size], wanted(now.x, now.v[:size], t) - now.drift[:size]
 
-        kind, x_r = (POSITION, np.array) if size == 3 else (POSE, _pose_numbers)
+        kind: TaskKind = "position" if size == 3 else "pose"
+        x_r = np.array if size == 3 else _pose_numbers
         sizes = (3, 3) if size == 3 else (12, 6)
         compiled = self._compiled(kind, sizes, start, x_r, at=joint, placement=place)
         approach = approach_by_turns(rows, 3) if size == 6 else None

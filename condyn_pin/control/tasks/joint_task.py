@@ -12,7 +12,6 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.models import indices
 from condyn_pin.constraints.constraint import text
 from condyn_pin.control.tasks.task import (
-    JOINT,
     BoundTask,
     DefaultReference,
     RobotMotion,
@@ -80,5 +79,5 @@ class JointTask(Tracking):
         def rows(motion: RobotMotion, t: float) -> tuple[Array, Array]:
             return J, wanted(motion.q[i : i + 1], motion.v[k : k + 1], t)
 
-        compiled = self._compiled(JOINT, (1, 1), start, np.atleast_1d, at=i, columns=(k,))
+        compiled = self._compiled("joint", (1, 1), start, np.atleast_1d, at=i, columns=(k,))
         return self._chosen(BoundTask("accelerations", (self.name,), self.unit, rows, compiled, J))

@@ -14,7 +14,6 @@ from condyn_pin._core.models import rotation_fault
 from condyn_pin.constraints.constraint import floats, unit
 from condyn_pin.constraints.places import set_frames
 from condyn_pin.control.tasks.task import (
-    ORIENTATION,
     BoundTask,
     DefaultReference,
     RobotMotion,
@@ -82,7 +81,7 @@ class Orientation(Tracking):
 
         names = self._row_names(("about x", "about y", "about z"))
         compiled = self._compiled(
-            ORIENTATION, (9, 3), start, _turn_numbers, at=joint, placement=place
+            "orientation", (9, 3), start, _turn_numbers, at=joint, placement=place
         )
         approach = approach_by_turns(rows, 0)
         return self._chosen(

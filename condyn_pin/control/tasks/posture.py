@@ -13,7 +13,6 @@ from condyn_pin._core.arguments import checked_names, normalised
 from condyn_pin._core.arrays import Array, entries, finite
 from condyn_pin._core.models import indices
 from condyn_pin.control.tasks.task import (
-    POSTURE,
     BoundTask,
     DefaultReference,
     RobotMotion,
@@ -96,7 +95,7 @@ class Posture(Tracking):
 
         names = self._row_names(entry_names(robot.model, columns))
         sizes = robot.model.nq, robot.nv
-        compiled = self._compiled(POSTURE, sizes, start, goal, columns=tuple(columns.tolist()))
+        compiled = self._compiled("posture", sizes, start, goal, columns=tuple(columns.tolist()))
         return self._chosen(BoundTask("accelerations", names, self.unit, rows, compiled, J))
 
     def _configuration(self, robot: Robot, home: DefaultReference) -> Any:

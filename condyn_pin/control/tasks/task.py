@@ -186,11 +186,11 @@ def minimum_jerk(
 # A task as numbers: what the compiled core has in place of a bound task.
 
 
-# What its rows are of, by their number in the core (`native/src/tick/tick_spec.hpp`).
-(
-    POSITION, ORIENTATION, POSE, CENTER_OF_MASS, JOINT, POSTURE, ANGULAR_MOMENTUM, CONTACT_FORCE,
-    CAPTURE_POINT,
-) = range(9)  # fmt: skip
+# Rows of a task in the core (`native/src/tick/tick_spec.hpp`).
+TaskKind = Literal[
+    "position", "orientation", "pose", "center of mass", "joint", "posture", "angular momentum",
+    "contact force", "capture point",
+]  # fmt: skip
 
 # References as numbers at t: x_r, v_r and a_r one after the other.
 Follow = Callable[[float], Array]
@@ -204,7 +204,7 @@ class CompiledTask(NamedTuple):
     Of a capture point x_r is where the mass belongs, in the axes of the floor, and its edges.
     """
 
-    kind: int
+    kind: TaskKind
     sizes: tuple[int, int]  # of x_r, and of v_r and a_r
     gains: tuple[float, float]  # kp [1/s^2] and kd [1/s]; of a capture point k [1] and omega [1/s]
     follow: Callable[[], Follow]  # returns the reference as a function of t; asked for once
@@ -438,7 +438,7 @@ class Tracking(Task):
         return path
 
     def _compiled(
-        self, kind: int, sizes: tuple[int, int], start: Callable[[], Any],
+        self, kind: TaskKind, sizes: tuple[int, int], start: Callable[[], Any],
         numbers: Callable[[Any], Array], **place: Any,
     ) -> CompiledTask:  # fmt: skip
         """Return the task for the compiled core; `numbers` are those of a reference x_r."""

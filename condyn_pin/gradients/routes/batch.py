@@ -178,7 +178,7 @@ class DifferentiatedRows(RowWork):
         count, shape = len(inputs["q0"]), outputs["codes"].shape
         done, codes, read = np.zeros(count, np.int32), *np.zeros((2, *shape), np.int32)
         contacts_of(workspace, steps.contacts).differentiate(
-            *states_of(workspace, inputs),
+            **states_of(workspace, inputs),
             plan=step_plan(steps.integrator, steps.dt, to_rounding=True),
             polished=tolerances.CONTACT_POLISHED, falls=falls(workspace.model, steps.dt),
             placed=rows_with_a_place(workspace.bounds),

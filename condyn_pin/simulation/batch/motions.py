@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
 from time import perf_counter
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -276,7 +276,7 @@ class Motions(RowWork):
         # what a drive does is the work of its forces; that of dampers has accelerations in it
         damped = is_accurate(self.integrator) and workspace.model.damping.any()
         answers = kept if "samples_a" in outputs or drives.rows.size or damped else 0
-        q0, v0, tau = states_of(workspace, inputs)
+        states = states_of(workspace, inputs)
         found = {
             "t": np.zeros((count, kept)),
             "q": np.zeros((count, kept, model.nq)),
@@ -288,18 +288,26 @@ class Motions(RowWork):
         done = np.zeros(count, np.int32)
         corrects = self.drift.every if isinstance(self.drift, PostStabilization) else 0
         rank = chains_of(workspace.scene).rank if corrects and workspace.scene.rows else 0
-        closed, reach = tolerances.NEARLY_CLOSED / 10, Manifold(model).reach
-        limits = closed, LARGEST, LOST, reach, rank, tolerances.OUT_OF_REACH
+        plan = {
+            "integrator": _INTEGRATORS[self.integrator], "dt": self.dt, "steps": self.steps,
+            "every": self.every, "correct_every": corrects, "with_answers": answers > 0,
+            "closed": tolerances.NEARLY_CLOSED / 10, "largest": LARGEST, "lost": LOST,
+            "reach": Manifold(model).reach, "rank": rank, "out_of_reach": tolerances.OUT_OF_REACH,
+        }  # fmt: skip
         workspace.compiled.core.simulate(
-            q0, v0, tau, integrator=_INTEGRATORS[self.integrator], dt=self.dt,
-            steps=self.steps, every=self.every, correct_every=corrects, with_answers=answers > 0,
-            limits=np.array(limits, float), driven=drives.rows, path=drives.wanted,
-            **found, done=done, times=outputs["run_times"], threads=threads,
+            **states, plan=plan, driven=drives.rows, path=drives.wanted, **found, done=done,
+            times=outputs["run_times"], threads=threads,
         )  # fmt: skip
         if drives.rows.size:
             found["driven"] = drives.power(found["lam"], self.every)
         words = put_motions(
-            outputs, np.flatnonzero(done), found, tau, workspace.scene, workspace.solver, self
+            outputs,
+            np.flatnonzero(done),
+            found,
+            states["TAU"],
+            workspace.scene,
+            workspace.solver,
+            self,
         )
         return np.flatnonzero(done == 0), words
 
@@ -307,8 +315,11 @@ class Motions(RowWork):
         self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
     ) -> tuple[NDArray[np.intp], Messages]:
         """Simulate in the core; after a step in Python, a motion continues there."""
-        q, v, tau = states_of(workspace, inputs)
-        ways = _MotionsUnderWay(self, workspace, outputs, q, v.copy())
+        states = states_of(workspace, inputs)
+        tau, ways = (
+            states["TAU"],
+            _MotionsUnderWay(self, workspace, outputs, states["Q"], states["V"].copy()),
+        )
         core = contacts_of(workspace, self.contacts)
         outputs["run_times"][:] = 0.0
         ahead = self.steps % self.every > 0  # the last sample is that of a step not taken
@@ -419,18 +430,33 @@ def _write_outputs(outputs: Arrays, found: Trajectory) -> None:
 # it gives up, for whatever reason, is made again by Python, which says why.
 
 
-# Integrators by their number there.
-_INTEGRATORS: Final[dict[Integrator, int]] = {
-    SemiImplicitEuler(): 0,
-    SemiImplicitEuler(implicit=False): 1,
-    LinearlyImplicitMidpoint(): 2,
-    ImplicitMidpoint(): 3,
-    RungeKutta4(): 4,
+# Integrators by their names there.
+_INTEGRATORS: Final[dict[Integrator, str]] = {
+    SemiImplicitEuler(): "semi_implicit",
+    SemiImplicitEuler(implicit=False): "explicit_forces",
+    LinearlyImplicitMidpoint(): "linear_midpoint",
+    ImplicitMidpoint(): "implicit_midpoint",
+    RungeKutta4(): "runge_kutta_4",
 }
 
-# Numbers of a sample: violation, slip, kinetic and potential energy, that of springs, and what
-# damping takes [m, m/s, J, J, J, W].
-MEASURED: Final = 6
+
+class Measures(NamedTuple):
+    """Columns of what the core measures at a sample, or their values (k, N)."""
+
+    violation: Array  # [m, rad]
+    slip: Array  # [m/s, rad/s]
+    kinetic: Array  # energies [J]
+    potential: Array
+    springs: Array
+    damping: Array  # what damping takes [W]
+
+    @classmethod
+    def of(cls, table: Array) -> Measures:
+        """Measures of a table (k, N, columns)."""
+        return cls(*np.moveaxis(table, 2, 0))
+
+
+MEASURED: Final = len(Measures._fields)
 
 
 def put_motions(
@@ -443,9 +469,10 @@ def put_motions(
     if not ok.size:
         return {}
     found = {name: its[ok] for name, its in found.items()}
-    t, q, v, measures = (found[name] for name in ("t", "q", "v", "measures"))
+    t, q, v = (found[name] for name in ("t", "q", "v"))
+    measures = Measures.of(found["measures"])
     outputs["t"][ok], outputs["q"][ok], outputs["v"][ok] = t[:, -1], q[:, -1], v[:, -1]
-    violation, slip, *_ = np.moveaxis(measures, 2, 0)
+    violation, slip = measures.violation, measures.slip
     outputs["violation"][ok] = violation.max(axis=1)
     outputs["constraint_velocity"][ok] = slip.max(axis=1)
     energy = _energies(found, tau[ok], scene, motions.integrator)
@@ -473,7 +500,8 @@ def put_motions(
 def _energies(found: dict[str, Any], tau: Array, scene: Scene, integrator: Integrator) -> Energy:
     """Return the energies of motions, each (k, N), work integrated over the samples."""
     t, q, v = found["t"][0], found["q"], found["v"]
-    _, _, kinetic, potential, springs, damping = np.moveaxis(found["measures"], 2, 0)
+    measures = Measures.of(found["measures"])
+    damping = measures.damping
     passive, mean = PassiveForces.of(scene.robot), 0.5 * (v[:, 1:] + v[:, :-1])
     flat = (-1, *q.shape[2:]), (-1, *v.shape[2:])
     taken = passive.dissipation(q[:, :-1].reshape(flat[0]), mean.reshape(flat[1]))
@@ -494,7 +522,8 @@ def _energies(found: dict[str, Any], tau: Array, scene: Scene, integrator: Integ
         driven = work(t, drives)
         off = off + integral_error(t, drives, driven, 0.5 * (drives[1:] + drives[:-1]))
     return Energy(
-        kinetic=kinetic.T, potential=potential.T, springs=springs.T, work=done[0], damping=done[1],
+        kinetic=measures.kinetic.T, potential=measures.potential.T, springs=measures.springs.T,
+        work=done[0], damping=done[1],
         impacts=none, driven=driven, contact=contact, correction=correction,
         algorithmic=algorithmic, doubt=np.asarray(off),
     )  # fmt: skip

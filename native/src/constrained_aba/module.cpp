@@ -1,16 +1,9 @@
-// The border to Python: arrays of numbers in and out, no object of anybody's Pinocchio.
+// The border to Python: fields in, arrays in and out.
 #include "method.hpp"
 
-#include <nanobind/nanobind.h>
-#include <nanobind/ndarray.h>
-#include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
 #include <limits>
-#include <stdexcept>
-
-namespace nb = nanobind;
-using namespace nb::literals;
 
 namespace condyn
 {
@@ -21,111 +14,15 @@ using Vector = nb::ndarray<const double, nb::ndim<1>, nb::c_contig, nb::device::
 using Written = nb::ndarray<double, nb::ndim<1>, nb::c_contig, nb::device::cpu>;
 using Table = nb::ndarray<const double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
 using WrittenTable = nb::ndarray<double, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-using Integers = nb::ndarray<const int, nb::ndim<2>, nb::c_contig, nb::device::cpu>;
-
-void want(bool fits, const char * what)
-{
-  if (!fits)
-    throw std::invalid_argument(what);
-}
-
-/// Reads a row of numbers from left to right.
-class Reader
-{
-public:
-  Reader(const Table & table, std::size_t row)
-  : at_(table.data() + row * table.shape(1))
-  {
-  }
-
-  double number() { return *at_++; }
-
-  /// Of matrices the rows one after the other.
-  template<int rows, int columns>
-  Eigen::Matrix<double, rows, columns> matrix()
-  {
-    Eigen::Matrix<double, rows, columns> found;
-    for (int i = 0; i < rows; ++i)
-      for (int j = 0; j < columns; ++j)
-        found(i, j) = number();
-    return found;
-  }
-
-  pinocchio::SE3 placement()
-  {
-    const Eigen::Matrix3d R = matrix<3, 3>();
-    return {R, matrix<3, 1>()};
-  }
-
-private:
-  const double * at_;
-};
-
-const std::size_t joint_width = 12 + 12 + 1 + 3 + 9, constraint_width = 12 + 12 + 2;
-
-std::vector<JointNumbers>
-read_joints(const std::vector<std::string> & kinds, const std::vector<int> & parents, const Table & numbers)
-{
-  want(parents.size() == kinds.size(), "parents: one for each joint is needed");
-  want(numbers.shape(0) == kinds.size() && numbers.shape(1) == joint_width,
-       "joints: a row of 37 numbers for each is needed");
-  std::vector<JointNumbers> joints;
-  for (std::size_t i = 0; i < kinds.size(); ++i)
-  {
-    Reader read(numbers, i);
-    JointNumbers joint;
-    joint.kind = kinds[i];
-    joint.parent = parents[i];
-    joint.S = read.matrix<6, 2>();
-    joint.placement = read.placement();
-    joint.mass = read.number();
-    joint.lever = read.matrix<3, 1>();
-    joint.inertia = read.matrix<3, 3>();
-    joints.push_back(joint);
-  }
-  return joints;
-}
-
-std::vector<ConstraintNumbers> read_constraints(const Integers & integers, const Table & numbers)
-{
-  want(integers.shape(1) == 3 && numbers.shape(1) == constraint_width
-         && numbers.shape(0) == integers.shape(0),
-       "constraints: a row of 3 integers and one of 26 numbers for each are needed");
-  std::vector<ConstraintNumbers> constraints;
-  for (std::size_t k = 0; k < numbers.shape(0); ++k)
-  {
-    const int * rows_and_joints = integers.data() + 3 * k;
-    Reader read(numbers, k);
-    ConstraintNumbers constraint;
-    constraint.rows = rows_and_joints[0];
-    constraint.joint1 = rows_and_joints[1];
-    constraint.joint2 = rows_and_joints[2];
-    constraint.placement1 = read.placement();
-    constraint.placement2 = read.placement();
-    constraint.Kp = read.number();
-    constraint.Kd = read.number();
-    constraints.push_back(constraint);
-  }
-  return constraints;
-}
 
 /// A scene and one way to solve it, for one thread.
 class Bound
 {
 public:
-  Bound(
-    const std::string & method,
-    const std::vector<std::string> & kinds, const std::vector<int> & parents, const Table & joints,
-    const Vector & gravity, const Vector & armature,
-    const Integers & constraint_integers, const Table & constraint_numbers,
-    double mu, double accuracy, int limit)
+  Bound(const std::string & method, const Fields & x)
+  : scene_(read_scene(x))
+  , method_(make_method(method, scene_, {x.get<double>("mu"), x.get<double>("accuracy"), x.get<int>("limit")}))
   {
-    want(gravity.size() == 3, "gravity: three numbers are needed");
-    scene_ = make_scene(
-      read_joints(kinds, parents, joints), Eigen::Vector3d(gravity.data()),
-      In(armature.data(), Eigen::Index(armature.size())),
-      read_constraints(constraint_integers, constraint_numbers));
-    method_ = make_method(method, scene_, {mu, accuracy, limit});
   }
   Bound(const Bound &) = delete;
 
@@ -185,12 +82,9 @@ NB_MODULE(CONDYN_MODULE, m)
   m.attr("joints") = condyn::joint_kinds();
   m.attr("methods") = condyn::method_names();
   nb::class_<Bound>(m, "Bound")
-    .def(nb::init<
-           const std::string &, const std::vector<std::string> &, const std::vector<int> &,
-           const condyn::Table &, const condyn::Vector &, const condyn::Vector &,
-           const condyn::Integers &, const condyn::Table &, double, double, int>(),
-         "method"_a, "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a,
-         "constraint_integers"_a, "constraint_numbers"_a, nb::kw_only(), "mu"_a, "accuracy"_a, "limit"_a)
+    .def("__init__", [](Bound * self, const std::string & method, const nb::kwargs & x) {
+      new (self) Bound(method, condyn::Fields(x));
+    })
     .def("solve", &Bound::solve)
     .def("solve_many", &Bound::solve_many)
     .def("lam", &Bound::lam);

@@ -1,8 +1,6 @@
 #include "scene.hpp"
 
-#include <functional>
 #include <map>
-#include <stdexcept>
 
 namespace condyn
 {
@@ -11,36 +9,23 @@ namespace
 
 using namespace pinocchio;
 
-using Axis = Eigen::Vector3d;
-using Subspace = Eigen::Matrix<double, 6, 2>;
-
-Axis linear(const Subspace & S)
-{
-  return S.col(0).head<3>();
-}
-
-Axis angular(const Subspace & S, int column = 0)
-{
-  return S.col(column).tail<3>();
-}
-
 template<typename Joint>
-JointModel plain(const Subspace &)
+JointModel plain(const JointSpec &)
 {
   return Joint();
 }
 
 template<typename Joint>
-JointModel about(const Subspace & S)
+JointModel about(const JointSpec & x)
 {
-  return Joint(angular(S));
+  return Joint(x.angular());
 }
 
 /// A screw of pitch h about e shifts by h e.
 template<typename Joint>
-JointModel screw(const Subspace & S)
+JointModel screw(const JointSpec & x)
 {
-  return Joint(linear(S).dot(angular(S)));
+  return Joint(x.linear().dot(x.angular()));
 }
 
 template<int axis>
@@ -52,7 +37,7 @@ using Prismatic = JointModelPrismaticTpl<double, 0, axis>;
 template<int axis>
 using Helical = JointModelHelicalTpl<double, 0, axis>;
 
-const std::map<std::string, std::function<JointModel(const Subspace &)>> kinds{
+const std::map<std::string, JointModel (*)(const JointSpec &)> kinds{
   {"JointModelRX", plain<Revolute<0>>},
   {"JointModelRY", plain<Revolute<1>>},
   {"JointModelRZ", plain<Revolute<2>>},
@@ -63,7 +48,7 @@ const std::map<std::string, std::function<JointModel(const Subspace &)>> kinds{
   {"JointModelSpherical", plain<JointModelSphericalTpl<double, 0>>},
   {"JointModelRevoluteUnaligned", about<JointModelRevoluteUnalignedTpl<double, 0>>},
   {"JointModelPrismaticUnaligned",
-   [](const Subspace & S) -> JointModel { return JointModelPrismaticUnalignedTpl<double, 0>(linear(S)); }},
+   [](const JointSpec & x) -> JointModel { return JointModelPrismaticUnalignedTpl<double, 0>(x.linear()); }},
 #if PINOCCHIO_MAJOR_VERSION < 4
   {"JointModelRUBX", plain<Unbounded<0>>},
   {"JointModelRUBY", plain<Unbounded<1>>},
@@ -76,15 +61,30 @@ const std::map<std::string, std::function<JointModel(const Subspace &)>> kinds{
   {"JointModelHY", screw<Helical<1>>},
   {"JointModelHZ", screw<Helical<2>>},
   {"JointModelHelicalUnaligned",
-   [](const Subspace & S) -> JointModel {
-     return JointModelHelicalUnalignedTpl<double, 0>(angular(S), linear(S).dot(angular(S)));
+   [](const JointSpec & x) -> JointModel {
+     return JointModelHelicalUnalignedTpl<double, 0>(x.angular(), x.linear().dot(x.angular()));
    }},
   {"JointModelUniversal",
-   [](const Subspace & S) -> JointModel {
-     return JointModelUniversalTpl<double, 0>(angular(S, 0), angular(S, 1));
+   [](const JointSpec & x) -> JointModel {
+     return JointModelUniversalTpl<double, 0>(x.angular(0), x.angular(1));
    }},
 #endif
 };
+
+/// 3 or 6 rows: a frame of a moving joint is held at one of another joint, or of the world.
+struct Numbers
+{
+  int rows;
+  int joint1, joint2;
+  SE3 placement1, placement2;
+  double Kp, Kd; // of Baumgarte [1/s^2], [1/s]
+};
+
+void fill(const Fields & x, Numbers & to)
+{
+  x("size", to.rows)("joint1", to.joint1)("joint2", to.joint2)("placement1", to.placement1);
+  x("placement2", to.placement2)("kp", to.Kp)("kd", to.Kd);
+}
 
 } // namespace
 
@@ -96,36 +96,19 @@ std::vector<std::string> joint_kinds()
   return names;
 }
 
-Scene make_scene(
-  const std::vector<JointNumbers> & joints, const Eigen::Vector3d & gravity, const VectorXd & armature,
-  const std::vector<ConstraintNumbers> & constraints)
+Scene read_scene(const Fields & x)
 {
   Scene scene;
-  Model & model = scene.model;
-  for (const auto & joint : joints)
+  const Model & model = scene.model;
+  read_tree(x.at("tree"), scene.model, [](const JointSpec & spec) {
+    const auto found = kinds.find(spec.kind);
+    want(found != kinds.end(), "the kind of a joint");
+    return found->second(spec);
+  });
+  for (const Numbers & c : x.get<std::vector<Numbers>>("constraints"))
   {
-    const auto found = kinds.find(joint.kind);
-    if (found == kinds.end())
-      throw std::invalid_argument(joint.kind + ": no such joint is compiled");
-    if (joint.parent < 0 || joint.parent >= model.njoints)
-      throw std::invalid_argument("parents: a joint must come after its parent");
-    const std::string name = "joint " + std::to_string(model.njoints);
-    const JointIndex id =
-      model.addJoint(JointIndex(joint.parent), found->second(joint.S), joint.placement, name);
-    // written, not appended to nothing, which would round
-    model.inertias[id] = Inertia(joint.mass, joint.lever, Symmetric3(joint.inertia));
-  }
-  model.gravity.linear() = gravity;
-  if (armature.size() != model.nv)
-    throw std::invalid_argument("armature: one number for each of v is needed");
-  model.armature = armature;
-
-  for (const auto & c : constraints)
-  {
-    if (c.rows != 3 && c.rows != 6)
-      throw std::invalid_argument("constraints: of 3 and of 6 rows only");
-    if (c.joint1 <= 0 || c.joint1 >= model.njoints || c.joint2 < 0 || c.joint2 >= model.njoints)
-      throw std::invalid_argument("constraints: the joints of one are not in the tree");
+    want(c.rows == 3 || c.rows == 6, "rows of a constraint");
+    want(0 < c.joint1 && c.joint1 < model.njoints && 0 <= c.joint2 && c.joint2 < model.njoints, "joints of a constraint");
     scene.constraints.emplace_back(
       c.rows == 6 ? CONTACT_6D : CONTACT_3D, model, JointIndex(c.joint1), c.placement1,
       JointIndex(c.joint2), c.placement2, LOCAL);

@@ -13,10 +13,30 @@ template<typename T, int axes>
 using Array = nb::ndarray<T, nb::ndim<axes>, nb::c_contig, nb::device::cpu>;
 using Table = Array<const double, 2>;
 using List = Array<const double, 1>;
-using Integers = Array<const int, 1>;
-using IntegerTable = Array<const int, 2>;
 
-inline VectorXd vector(const List & x) { return In(x.data(), x.size()); }
+/// Whether an array has so many entries along each axis.
+template<typename Numbers>
+bool fits(const Numbers & x, std::initializer_list<std::size_t> shape)
+{
+  std::size_t axis = 0;
+  for (std::size_t size : shape)
+    if (x.shape(axis++) != size)
+      return false;
+  return true;
+}
+
+/// Where parts of some sizes are in numbers that have them one behind the other.
+inline nb::dict parts_of(const std::vector<std::pair<const char *, std::size_t>> & sizes)
+{
+  nb::dict found;
+  std::size_t begin = 0;
+  for (const auto & [name, size] : sizes)
+  {
+    found[name] = nb::slice(begin, begin + size);
+    begin += size;
+  }
+  return found;
+}
 
 /// Numbers of one state, all axes one behind the other. An array is asked for them by itself: an `nb::ndarray` takes
 /// five times as long, and small robots are solved in as much.
@@ -48,14 +68,5 @@ auto row(const Array<T, 2> & x, std::size_t i)
 {
   return Eigen::Map<std::conditional_t<std::is_const_v<T>, const VectorXd, VectorXd>>(
     x.data() + i * x.shape(1), x.shape(1));
-}
-
-/// 9 numbers of the rotation by rows, 3 of the translation.
-inline SE3 placement(const double * x)
-{
-  SE3 M;
-  M.rotation() = Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(x);
-  M.translation() = Eigen::Map<const Vector3d>(x + 9);
-  return M;
 }
 } // namespace condyn

@@ -1,6 +1,5 @@
 // Contacts: steps and motions of a scene whose contacts open, stick and slide, by some threads.
 #pragma once
-#include "contact_arrays.hpp"
 #include "contact_motion.hpp"
 #include "core.hpp"
 #include "step_derivatives.hpp"
@@ -29,13 +28,14 @@ struct Ways
 {
   Array<int, 1> step;
   Array<double, 2> q, v, work;
+  Table tau;
 };
 
 class Contacts
 {
 public:
   /// `condyn_pin/dynamics/compiled.py` says what each is.
-  Contacts(const Core & core, const ContactArrays & arrays, int rank);
+  Contacts(const Core & core, const Fields & x);
   Contacts(const Contacts &) = delete; // its workers hold references to its candidates
 
   void step(const States & states, const StepPlan & plan, const Steps & steps, int threads);
@@ -45,19 +45,15 @@ public:
     const Slopes & slopes, int threads);
   /// Takes motions that are not done as far as it can.
   void simulate(
-    const Ways & ways, const Table & tau, const StepPlan & plan, const MotionEnds & ends,
-    const ContactMotions & motions, int threads);
+    const Ways & ways, const StepPlan & plan, const MotionEnds & ends, const ContactMotions & motions, int threads);
 
-  /// The plan of a list of numbers, in the order of its fields, and of paths through so many steps.
-  StepPlan plan(
-    const List & numbers, const Integers & driven, const Array<const double, 3> & path, int steps) const;
+  /// The plan of a step, and paths through so many.
+  StepPlan plan(const Fields & x, int steps) const;
 
 private:
   void prepare(int threads);
   void check(const States & states, const Steps & steps) const;
   bool step(ContactSteps & own, std::size_t i, const States & states, const StepPlan & plan, const Steps & steps) const;
-  template<typename Rows>
-  void check(const Rows & q, const Rows & v, const Table & tau) const;
 
   const Scene & scene_;
   Candidates candidates_;

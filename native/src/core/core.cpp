@@ -4,42 +4,64 @@
 
 namespace condyn
 {
-Core::Core(const SceneArrays & arrays) : scene_(read_scene(arrays)) {}
-
-void Core::check(const States & states, const Answers & answers) const
+void fill(const Fields & x, Push & to)
 {
-  const std::size_t n = states.q.shape(0), nv = scene_.model.nv;
-  want(states.q.shape(1) == std::size_t(scene_.model.nq) && states.v.shape(1) == nv && states.tau.shape(1) == nv,
-       "width of q, v or tau");
-  want(states.v.shape(0) == n && states.tau.shape(0) == n, "number of v or tau");
-  want(answers.a.shape(0) == n && answers.a.shape(1) == nv, "a");
-  want(answers.lam.shape(0) == n && answers.lam.shape(1) == std::size_t(scene_.rows), "lam");
-  want(answers.residuals.shape(0) == n && answers.residuals.shape(1) == 5, "residuals");
-  want(answers.clear.size() == n && answers.iterations.size() == n && answers.times.size() == n,
-       "clear, iterations or times");
-  const std::size_t forces = states.pushes.shape(0);
-  want(states.pushes.shape(1) == 2 && states.placements.shape(0) == forces && states.placements.shape(1) == 12
-         && states.wrenches.shape(0) == n && states.wrenches.shape(1) == 6 * forces, "forces");
+  x.at("place")("joint", to.joint)("placement", to.placement);
+  x("in_world", to.in_world);
 }
 
-std::vector<Push> Core::pushes(const States & states) const
+void fill(const Fields & x, States & to) { x("Q", to.q)("V", to.v)("TAU", to.tau); }
+
+void fill(const Fields & x, LoadedStates & to)
 {
-  std::vector<Push> found;
-  for (std::size_t i = 0; i < states.pushes.shape(0); ++i)
-  {
-    const int * k = states.pushes.data() + 2 * i;
-    want(0 < k[0] && k[0] < scene_.model.njoints, "joint of a force");
-    found.push_back({k[0], placement(row(states.placements, i).data()), bool(k[1])});
-  }
-  return found;
+  fill(x, static_cast<States &>(to));
+  x("pushes", to.pushes)("wrenches", to.wrenches);
+}
+
+void fill(const Fields & x, Answers & to)
+{
+  x("a", to.a)("lam", to.lam)("residuals", to.residuals);
+  x("iterations", to.iterations)("clear", to.clear)("times", to.times);
+}
+
+void fill(const Fields & x, Motions & to)
+{
+  x("t", to.t)("q", to.q)("v", to.v)("a", to.a)("lam", to.lam)("measures", to.measures);
+  x("done", to.done)("times", to.times);
+}
+
+void fill(const Fields & x, MotionPlan & to)
+{
+  const std::string name = x.get<std::string>("integrator");
+  to.integrator = Integrator(place_of(
+    name, {"semi_implicit", "explicit_forces", "linear_midpoint", "implicit_midpoint", "runge_kutta_4"}, "integrator"));
+  x("dt", to.dt)("steps", to.steps)("every", to.every)("correct_every", to.correct_every);
+  x("with_answers", to.with_answers)("closed", to.closed)("largest", to.largest)("lost", to.lost)("reach", to.reach);
+  x("rank", to.rank)("out_of_reach", to.out_of_reach);
+}
+
+void Core::check(const LoadedStates & states, const Answers & answers) const
+{
+  const std::size_t n = states.q.shape(0), nq = scene_.model.nq, nv = scene_.model.nv, rows = scene_.rows;
+  want(fits(states.q, {n, nq}) && fits(states.v, {n, nv}) && fits(states.tau, {n, nv}), "q, v or tau");
+  want(fits(answers.a, {n, nv}) && fits(answers.lam, {n, rows}) && fits(answers.residuals, {n, 5}),
+       "a, lam or residuals");
+  want(fits(answers.clear, {n}) && fits(answers.iterations, {n}) && fits(answers.times, {n}),
+       "clear, iterations or times");
+  want(fits(states.wrenches, {n, 6 * states.pushes.size()}), "forces");
+  for (const Push & push : states.pushes)
+    want(0 < push.joint && push.joint < scene_.model.njoints, "joint of a force");
+}
+
+nb::dict Core::parts() const
+{
+  const std::size_t nq = scene_.model.nq, nv = scene_.model.nv, rows = scene_.rows;
+  return parts_of({{"a", nv}, {"lam", rows}, {"q", nq}, {"v", nv}, {"residuals", 5}, {"iterations", 1}, {"solve_time", 1}});
 }
 
 void Core::prepare(int threads)
 {
-  if (threads < 0)
-    throw std::invalid_argument("threads");
-  while (int(workers_.size()) < std::max(threads, 1))
-    workers_.push_back(std::make_unique<Worker>(scene_));
+  prepare_for(workers_, threads, [&](std::size_t) { return std::make_unique<Worker>(scene_); });
 }
 
 void Core::load(const std::vector<Push> & found, int threads)
@@ -55,7 +77,7 @@ Answer Core::answer(Worker & own, const double * forces, double accuracy) const
   const auto begun = std::chrono::steady_clock::now();
   own.loads->at(own.q, forces);
   const VectorXd & a = own.solver->acceleration(own.q, own.v, own.tau + own.loads->torque);
-  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+  const double seconds = seconds_since(begun);
   own.lam = own.solver->scene_forces();
   const Sizes s = own.proof(own.q, own.v, own.tau, a, own.lam, own.loads.get(), own.solver->left);
   const Verdict & verdict = scene_.verdict;
@@ -67,14 +89,13 @@ Answer Core::answer(Worker & own, const double * forces, double accuracy) const
 }
 
 Answer Core::answer_row(
-  Worker & own, std::size_t i, const States & states, const Answers & answers, double accuracy) const
+  Worker & own, std::size_t i, const LoadedStates & states, const Answers & answers, double accuracy) const
 {
   own.q = row(states.q, i), own.v = row(states.v, i), own.tau = row(states.tau, i);
   const Answer found = answer(own, states.wrenches.data() + i * states.wrenches.shape(1), accuracy);
   const Residuals & r = found.residuals;
   row(answers.a, i) = found.a, row(answers.lam, i) = found.lam;
   row(answers.residuals, i) << r.dynamics, r.constraint, r.violation, r.velocity, r.bound;
-  answers.clear.data()[i] = found.clear;
   answers.iterations.data()[i] = found.iterations, answers.times.data()[i] = found.seconds;
   return found;
 }
@@ -88,21 +109,12 @@ bool Core::differentiate(Worker & own, const Answer & found, double * const out[
   return found.a.allFinite() && (*own.derivatives)(own.q, own.v, found.a, found.lam, *own.loads, own.proof.data(), out);
 }
 
-void Core::solve(const States & states, const Answers & answers, double accuracy, int threads)
+void Core::solve(const LoadedStates & states, const Answers & answers, double accuracy, int threads)
 {
   check(states, answers);
-  load(pushes(states), threads);
-  std::atomic<bool> stop{false};
-  nb::gil_scoped_release released;
-  share(states.q.shape(0), threads, stop, [&](int worker, std::size_t i) {
-    answers.clear.data()[i] = 0;
-    try
-    {
-      answer_row(*workers_[worker], i, states, answers, accuracy);
-    }
-    catch (...) // left to Python
-    {
-    }
+  load(states.pushes, threads);
+  share_rows(answers.clear, threads, [&](int worker, std::size_t i, const auto &) {
+    return answer_row(*workers_[worker], i, states, answers, accuracy).clear;
   });
 }
 
@@ -132,34 +144,22 @@ Answer Core::solve_one(
   return answer_one(hold(q, v, tau, out), accuracy, out);
 }
 
-void Core::differentiate(const States & states, const Answers & answers,
+void Core::differentiate(const LoadedStates & states, const Answers & answers,
   const std::vector<Array<double, 3>> & blocks, double accuracy, int threads)
 {
   check(states, answers);
   const std::size_t n = states.q.shape(0), nv = scene_.model.nv;
   want(blocks.size() == 6, "number of blocks");
   for (int k = 0; k < 6; ++k)
-    want(blocks[k].shape(0) == n && blocks[k].shape(1) == (k < 3 ? nv : std::size_t(scene_.rows))
-           && blocks[k].shape(2) == nv, "a block");
-  load(pushes(states), threads);
-  std::atomic<bool> stop{false};
-  nb::gil_scoped_release released;
-  share(n, threads, stop, [&](int worker, std::size_t i) {
-    int & clear = answers.clear.data()[i];
-    clear = 0;
-    try
-    {
-      Worker & own = *workers_[worker];
-      const Answer found = answer_row(own, i, states, answers, accuracy);
-      double * out[6];
-      for (int k = 0; k < 6; ++k)
-        out[k] = blocks[k].data() + i * nv * blocks[k].shape(1);
-      clear = found.clear && differentiate(own, found, out);
-    }
-    catch (...) // left to Python
-    {
-      clear = 0;
-    }
+    want(fits(blocks[k], {n, k < 3 ? nv : std::size_t(scene_.rows), nv}), "a block");
+  load(states.pushes, threads);
+  share_rows(answers.clear, threads, [&](int worker, std::size_t i, const auto &) {
+    Worker & own = *workers_[worker];
+    const Answer found = answer_row(own, i, states, answers, accuracy);
+    double * out[6];
+    for (int k = 0; k < 6; ++k)
+      out[k] = blocks[k].data() + i * nv * blocks[k].shape(1);
+    return found.clear && differentiate(own, found, out);
   });
 }
 
@@ -176,43 +176,30 @@ bool Core::differentiate_one(const Numbers & q, const Numbers & v, const Numbers
   return found.clear && differentiate(own, found, at);
 }
 
-void Core::simulate(
-  const Table & Q, const Table & V, const Table & TAU, const MotionPlan & plan, const Motions & motions, int threads)
+void Core::simulate(const States & states, const MotionPlan & plan, const Motions & motions, int threads)
 {
-  const std::size_t n = Q.shape(0), nq = scene_.model.nq, nv = scene_.model.nv;
+  const std::size_t n = states.q.shape(0), nq = scene_.model.nq, nv = scene_.model.nv, rows = scene_.rows;
   want(plan.steps > 0 && plan.every > 0 && plan.dt > 0, "plan");
   const std::size_t kept = (plan.steps + plan.every - 1) / plan.every + 1, answers = plan.with_answers ? kept : 0;
-  want(Q.shape(1) == nq && V.shape(1) == nv && TAU.shape(1) == nv, "width of q, v or tau");
-  want(V.shape(0) == n && TAU.shape(0) == n, "number of v or tau");
-  const auto fits = [&](const Array<double, 3> & x, std::size_t rows, std::size_t width) {
-    return x.shape(0) == n && x.shape(1) == rows && x.shape(2) == width;
-  };
-  want(motions.t.shape(0) == n && motions.t.shape(1) == kept, "t");
-  want(fits(motions.q, kept, nq) && fits(motions.v, kept, nv) && fits(motions.measures, kept, measured), "samples");
-  want(fits(motions.a, answers, nv) && fits(motions.lam, answers, scene_.rows), "samples of answers");
-  want(motions.done.size() == n && motions.times.size() == n, "done or times");
+  want(fits(states.q, {n, nq}) && fits(states.v, {n, nv}) && fits(states.tau, {n, nv}), "q, v or tau");
+  want(fits(motions.t, {n, kept}) && fits(motions.q, {n, kept, nq}) && fits(motions.v, {n, kept, nv})
+         && fits(motions.measures, {n, kept, measured}), "samples");
+  want(fits(motions.a, {n, answers, nv}) && fits(motions.lam, {n, answers, rows}), "samples of answers");
+  want(fits(motions.done, {n}) && fits(motions.times, {n}), "done or times");
   prepare(threads);
-  std::atomic<bool> stop{false};
-  nb::gil_scoped_release released;
-  share(n, threads, stop, [&](int worker, std::size_t i) {
+  share_rows(motions.done, threads, [&](int worker, std::size_t i, const std::atomic<bool> & stop) {
     Worker & own = *workers_[worker];
-    motions.done.data()[i] = 0;
-    try
-    {
-      if (!own.mover)
-        own.mover = std::make_unique<Mover>(scene_);
-      own.q = row(Q, i), own.v = row(V, i), own.tau = row(TAU, i);
-      const Samples samples{
-        motions.t.data() + i * kept, motions.q.data() + i * kept * nq, motions.v.data() + i * kept * nv,
-        motions.a.data() + i * answers * nv, motions.lam.data() + i * answers * scene_.rows,
-        motions.measures.data() + i * kept * measured};
-      const auto begun = std::chrono::steady_clock::now();
-      motions.done.data()[i] = own.mover->run(plan, own.q, own.v, own.tau, samples, stop);
-      motions.times.data()[i] = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
-    }
-    catch (...) // given up: Python makes it again, and says why
-    {
-    }
+    if (!own.mover)
+      own.mover = std::make_unique<Mover>(scene_);
+    own.q = row(states.q, i), own.v = row(states.v, i), own.tau = row(states.tau, i);
+    const Samples samples{
+      motions.t.data() + i * kept, motions.q.data() + i * kept * nq, motions.v.data() + i * kept * nv,
+      motions.a.data() + i * answers * nv, motions.lam.data() + i * answers * rows,
+      motions.measures.data() + i * kept * measured};
+    const auto begun = std::chrono::steady_clock::now();
+    const bool done = own.mover->run(plan, own.q, own.v, own.tau, samples, stop);
+    motions.times.data()[i] = seconds_since(begun);
+    return done;
   });
 }
 } // namespace condyn

@@ -4,7 +4,7 @@
 #include "derivatives.hpp"
 #include "motion.hpp"
 #include "proof.hpp"
-#include "scene_arrays.hpp"
+#include "scene_fields.hpp"
 
 namespace condyn
 {
@@ -21,12 +21,16 @@ struct Worker
   explicit Worker(const Scene & scene) : solver(solver_of(scene)), proof(scene) {}
 };
 
-/// States, a row each, and the forces from outside at each: how they act, and six numbers of each of them.
+/// States, a row each.
 struct States
 {
   Table q, v, tau;
-  IntegerTable pushes; // joint, whether in the axes of the world
-  Table placements;
+};
+
+/// And the forces from outside at each: how they act, and six numbers of each of them.
+struct LoadedStates : States
+{
+  std::vector<Push> pushes;
   Table wrenches;
 };
 
@@ -37,6 +41,10 @@ struct Answers
   Array<int, 1> iterations, clear; // clear: 1, or 0 for a state that is left to Python
   Array<double, 1> times; // [s]
 };
+
+void fill(const Fields & x, States & to);
+void fill(const Fields & x, LoadedStates & to);
+void fill(const Fields & x, Answers & to);
 
 /// As in Python: the largest of each, and the bound on the error of a.
 struct Residuals
@@ -64,22 +72,26 @@ struct Motions
   Array<double, 1> times; // [s]
 };
 
+void fill(const Fields & x, Motions & to);
+void fill(const Fields & x, MotionPlan & to);
+
 class Core
 {
 public:
-  explicit Core(const SceneArrays & arrays);
+  explicit Core(Scene scene) : scene_(std::move(scene)) {}
   Core(const Core &) = delete; // its workers hold references to its scene
 
   const Scene & scene() const { return scene_; }
 
-  void solve(const States & states, const Answers & answers, double accuracy, int threads);
+  void solve(const LoadedStates & states, const Answers & answers, double accuracy, int threads);
 
-  /// One state, in the calling thread. Into `out`, one behind the other: a, lam, q, v, the residuals, iterations and
-  /// seconds.
+  /// Where an answer has its parts in the numbers of one state.
+  nb::dict parts() const;
+  /// One state, in the calling thread.
   Answer solve_one(const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy, const Numbers & out);
 
   /// da/dq, da/dv, da/dtau, dlam/dq, dlam/dv, dlam/dtau as well, each with a matrix a state.
-  void differentiate(const States & states, const Answers & answers,
+  void differentiate(const LoadedStates & states, const Answers & answers,
     const std::vector<Array<double, 3>> & blocks, double accuracy, int threads);
 
   /// The same of one state; whether it is ok without a doubt. The blocks are those of a and lam by q, by v and by tau
@@ -87,13 +99,10 @@ public:
   bool differentiate_one(const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy,
     const Numbers & out, const Numbers & blocks);
 
-  void simulate(const Table & Q, const Table & V, const Table & TAU, const MotionPlan & plan,
-    const Motions & motions, int threads);
+  void simulate(const States & states, const MotionPlan & plan, const Motions & motions, int threads);
 
 private:
-  void check(const States & states, const Answers & answers) const;
-  std::vector<Push> pushes(const States & states) const;
-  /// The memory of so many threads; made when it is first asked for.
+  void check(const LoadedStates & states, const Answers & answers) const;
   void prepare(int threads);
   /// Readies the memory of so many threads for some forces.
   void load(const std::vector<Push> & found, int threads);
@@ -104,7 +113,7 @@ private:
   /// Answers the state that a worker holds, under its forces, six numbers each.
   Answer answer(Worker & own, const double * forces, double accuracy) const;
   Answer answer_row(
-    Worker & own, std::size_t i, const States & states, const Answers & answers, double accuracy) const;
+    Worker & own, std::size_t i, const LoadedStates & states, const Answers & answers, double accuracy) const;
   /// Differentiates what a worker has answered; false where there is a doubt.
   bool differentiate(Worker & own, const Answer & found, double * const out[6]) const;
 

@@ -161,9 +161,9 @@ bool Proximal::close(const VectorXd & q, const VectorXd & v, VectorXd & dq, Vect
   {
     const auto & spec = scene.plain_specs[k];
     if (spec.anchored)
-      gaps_.col(0).segment(row, spec.rows) = datas[k].contact_placement_error.toVector().head(spec.rows);
-    gaps_.col(1).segment(row, spec.rows) = datas[k].contact_velocity_error.toVector().head(spec.rows);
-    row += spec.rows;
+      gaps_.col(0).segment(row, spec.size) = datas[k].contact_placement_error.toVector().head(spec.size);
+    gaps_.col(1).segment(row, spec.size) = datas[k].contact_velocity_error.toVector().head(spec.size);
+    row += spec.size;
   }
   if (mu_ != settings_.mu)
     data.constraint_chol.compute(model, data, constraints, datas, settings_.mu);
@@ -190,9 +190,9 @@ bool Proximal::is_off() const
     if (!spec.approximates && !scene.precision.looks_independent)
       continue;
     const auto & d = datas[k];
-    if (spec.anchored && d.contact_placement_error.toVector().head(spec.rows).squaredNorm() > scene.open_squared)
+    if (spec.anchored && d.contact_placement_error.toVector().head(spec.size).squaredNorm() > scene.open_squared)
       return true;
-    if (spec.approximates && d.contact_velocity_error.toVector().head(spec.rows).squaredNorm() > scene.open_squared)
+    if (spec.approximates && d.contact_velocity_error.toVector().head(spec.size).squaredNorm() > scene.open_squared)
       return true;
   }
   return false;

@@ -3,42 +3,6 @@
 
 namespace condyn
 {
-namespace
-{
-Joint joint(const std::string & kind, const Vector3d & axis)
-{
-  using namespace pinocchio;
-  if (kind == "JointModelRX") return JointModelRX();
-  if (kind == "JointModelRY") return JointModelRY();
-  if (kind == "JointModelRZ") return JointModelRZ();
-  if (kind == "JointModelPX") return JointModelPX();
-  if (kind == "JointModelPY") return JointModelPY();
-  if (kind == "JointModelPZ") return JointModelPZ();
-  if (kind == "JointModelFreeFlyer") return JointModelFreeFlyer();
-  if (kind == "JointModelSpherical") return JointModelSpherical();
-  if (kind == "JointModelRevoluteUnaligned") return JointModelRevoluteUnaligned(axis);
-  if (kind == "JointModelPrismaticUnaligned") return JointModelPrismaticUnaligned(axis);
-  throw std::invalid_argument("a joint of kind " + kind);
-}
-} // namespace
-
-Model make_model(const std::vector<JointSpec> & joints, const Vector3d & gravity, const VectorXd & armature)
-{
-  Model model;
-  for (const auto & spec : joints)
-  {
-    want(0 <= spec.parent && spec.parent < model.njoints, "the order of joints");
-    const auto id = model.addJoint(
-      spec.parent, joint(spec.kind, spec.axis), spec.placement, "j" + std::to_string(model.njoints));
-    // Written, not appended: appending to nothing would round.
-    model.inertias[id] = pinocchio::Inertia(spec.mass, spec.lever, pinocchio::Symmetric3(spec.inertia));
-  }
-  want(armature.size() == model.nv, "armature");
-  model.gravity.linear() = gravity;
-  model.armature = armature;
-  return model;
-}
-
 void add_constraints(
   Scene & scene, const std::vector<Constraint> & constraints, const std::vector<PlainSpec> & plain)
 {
@@ -47,6 +11,11 @@ void add_constraints(
   for (const auto & c : constraints)
   {
     want(c.first == scene.rows && c.size > 0, "rows of a constraint");
+    want(c.size == (c.is_scalar() ? 1 : int(c.selection.size())), "rows of a constraint");
+    want(c.kind != Kind::ball || c.size == 3, "rows of a constraint");
+    want(c.kind != Kind::weld || c.size == 6, "rows of a constraint");
+    want((c.is_hinge || c.is_cross() ? 0 : -1) <= c.axis && c.axis < 3 && c.other_axis < 3, "axis of a constraint");
+    want(!c.is_cross() || (c.kind == Kind::cut && c.size == 4), "rows of a constraint");
     if (c.kind == Kind::coupling)
       want(0 <= std::min(c.q_a, c.q_b) && std::max(c.q_a, c.q_b) < model.nq
              && 0 <= std::min(c.v_a, c.v_b) && std::max(c.v_a, c.v_b) < model.nv, "coordinates of a coupling");
@@ -64,9 +33,9 @@ void add_constraints(
   for (const auto & c : plain)
   {
     want(valid(c.joint1) && valid(c.joint2), "joints of a constraint");
-    want(c.rows == 3 || c.rows == 6, "rows of a constraint of Pinocchio");
+    want(c.size == 3 || c.size == 6, "rows of a constraint of Pinocchio");
     Rigid made(
-      c.rows == 6 ? pinocchio::CONTACT_6D : pinocchio::CONTACT_3D, model, c.joint1, c.placement1, c.joint2,
+      c.size == 6 ? pinocchio::CONTACT_6D : pinocchio::CONTACT_3D, model, c.joint1, c.placement1, c.joint2,
       c.placement2, pinocchio::LOCAL);
     made.m_baumgarte_parameters.Kp = c.anchored ? scene.kp : 0.0;
     made.m_baumgarte_parameters.Kd = scene.kd;
@@ -74,7 +43,7 @@ void add_constraints(
       scene.unanchored_plain.push_back(int(scene.plain.size()));
     scene.plain.push_back(made);
     scene.plain_specs.push_back(c);
-    scene.plain_rows += c.rows;
+    scene.plain_rows += c.size;
   }
   const bool same = scene.to_scene.size() == 0;
   want(same ? scene.rows == scene.plain_rows || plain.empty()

@@ -1,29 +1,16 @@
-// A scene, made of plain arrays: no object of Python's Pinocchio crosses the border.
+// A scene, made of numbers and names: no object of Python's Pinocchio crosses the border.
 #pragma once
 #include "constraint.hpp"
 #include "spring.hpp"
 #include "verdict.hpp"
 #include <limits>
-#include <string>
 
 namespace condyn
 {
-/// A joint and its body.
-struct JointSpec
-{
-  std::string kind; // shortname, as Pinocchio says it
-  Vector3d axis;
-  int parent;
-  SE3 placement;
-  double mass;
-  Vector3d lever;
-  Matrix3d inertia; // about the centre of mass
-};
-
 /// A constraint that Pinocchio has itself, of 3 or of 6 rows.
 struct PlainSpec
 {
-  int rows, joint1, joint2;
+  int size, joint1, joint2;
   SE3 placement1, placement2;
   bool anchored; // whether it has a position error
   bool approximates; // rows of another kind, exact while it is closed
@@ -100,6 +87,5 @@ struct Scene
 };
 
 /// Throws std::invalid_argument where something does not fit.
-Model make_model(const std::vector<JointSpec> & joints, const Vector3d & gravity, const VectorXd & armature);
 void add_constraints(Scene & scene, const std::vector<Constraint> & constraints, const std::vector<PlainSpec> & plain);
 } // namespace condyn

@@ -6,6 +6,13 @@
 
 namespace condyn
 {
+/// A spring along the coordinate of a joint.
+struct JointSpring
+{
+  int at_q, at_v; // where q and v hold it
+  double stiffness, reference;
+};
+
 struct SpringDamper
 {
   int joint_a, joint_b; // 0 is the world

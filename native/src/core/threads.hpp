@@ -5,7 +5,9 @@
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
+#include <memory>
 #include <mutex>
+#include <stdexcept>
 #include <system_error>
 #include <thread>
 #include <vector>
@@ -78,5 +80,39 @@ void share(std::size_t n, int threads, std::atomic<bool> & stop, Work work)
     nanobind::gil_scoped_acquire held;
     throw nanobind::python_error();
   }
+}
+
+/// work(worker, i, stop) for all rows, by some threads: `done` of each, zero before, is what that returns. A row that
+/// throws is left to Python, which says why.
+template<typename Done, typename Work>
+void share_rows(const Done & done, int threads, Work work)
+{
+  std::atomic<bool> stop{false};
+  nanobind::gil_scoped_release released;
+  share(done.size(), threads, stop, [&](int worker, std::size_t i) {
+    try
+    {
+      done.data()[i] = work(worker, i, stop);
+    }
+    catch (...)
+    {
+    }
+  });
+}
+
+/// Seconds since some time.
+inline double seconds_since(std::chrono::steady_clock::time_point begun)
+{
+  return std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+}
+
+/// As many of something as there are threads, one at least; made when they are first asked for.
+template<typename T, typename Make>
+void prepare_for(std::vector<std::unique_ptr<T>> & each, int threads, Make make)
+{
+  if (threads < 0)
+    throw std::invalid_argument("threads");
+  while (int(each.size()) < std::max(threads, 1))
+    each.push_back(make(each.size()));
 }
 } // namespace condyn

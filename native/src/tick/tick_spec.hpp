@@ -5,7 +5,7 @@
 
 namespace condyn
 {
-/// What the rows of a task are of; the numbers are those of `condyn_pin/control/tasks/task.py`.
+/// What the rows of a task are of; `condyn_pin/control/tasks/task.py` has their names.
 enum class TaskKind {
   position, orientation, pose, center_of_mass, joint, posture, angular_momentum, contact_force, capture_point
 };

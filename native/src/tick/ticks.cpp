@@ -1,42 +1,61 @@
 // What Python sees.
 #include "tick.hpp"
-#include "scene_arrays.hpp"
-#include <nanobind/stl/string.h>
-#include <nanobind/stl/vector.h>
+#include "scene_fields.hpp"
 #include <algorithm>
 
 namespace condyn
 {
 namespace
 {
-using Indices = std::vector<int>;
-
-MatrixXd matrix(const Table & x) { return Eigen::Map<const RowMajor>(x.data(), x.shape(0), x.shape(1)); }
-
-void want_below(const Indices & places, int count, const char * what)
+void want_below(const std::vector<int> & places, int count, const char * what)
 {
   for (int i : places)
     want(0 <= i && i < count, what);
 }
+} // namespace
 
-/// Tasks: `integers` are kind, size, at, hard, sizes of x_r and v_r, number of columns; `numbers` the placement,
-/// kp, kd and weight.
-void read_tasks(
-  TickSpec & spec, const Scene & scene, const IntegerTable & integers, const Table & numbers, const Indices & columns)
+void fill(const Fields & x, Task & to)
 {
-  want(integers.shape(1) == 7 && numbers.shape(0) == integers.shape(0) && numbers.shape(1) == 15, "tasks");
-  want_below(columns, scene.model.nv, "columns of a task");
-  std::size_t next = 0;
-  for (std::size_t i = 0; i < integers.shape(0); ++i)
+  to.kind = TaskKind(place_of(
+    x.get<std::string>("kind"),
+    {"position", "orientation", "pose", "center of mass", "joint", "posture", "angular momentum", "contact force",
+     "capture point"}, "kind of a task"));
+  x("size", to.size)("at", to.at)("hard", to.hard)("placement", to.placement)("kp", to.kp)("kd", to.kd);
+  x("weight", to.weight)("columns", to.columns)("of_x", to.of_x)("of_v", to.of_v);
+}
+
+void fill(const Fields & x, TurningCone & to)
+{
+  x("constraint", to.constraint)("row", to.row)("column", to.column)("edge", to.edge)("floor", to.floor);
+  x("A", to.A)("to_wrench", to.to_wrench);
+}
+
+void fill(const Fields & x, AccelerationLimits & to)
+{
+  x("columns", to.columns)("most", to.most)("speed", to.speed)("dt", to.dt)("at_q", to.at_q)("at_v", to.at_v);
+  x("lowest", to.lowest)("highest", to.highest);
+}
+
+void fill(const Fields & x, TickSpec & to)
+{
+  x("tasks", to.tasks)("levels", to.levels)("held", to.held)("touching", to.touching)("driven", to.driven);
+  x("motors", to.motors)("rigid", to.rigid)("limited", to.limited)("torque", to.torque);
+  x("accelerations", to.accelerations)("cones", to.cones)("turning", to.turning)("mass", to.mass);
+  x("regularisation", to.regularisation)("rank", to.rank)("parallel", to.parallel)("kkt", to.kkt)("least", to.least);
+  x("strictly", to.strictly)("slack", to.slack)("decided", to.decided);
+}
+
+namespace
+{
+/// Checks tasks, and counts their rows and numbers.
+void place_tasks(TickSpec & spec, const Scene & scene)
+{
+  for (Task & task : spec.tasks)
   {
-    const int * k = integers.data() + 7 * i;
-    const double * x = row(numbers, i).data();
-    want(0 <= k[0] && k[0] <= int(TaskKind::capture_point) && k[1] > 0 && k[4] > 0 && k[5] > 0 && k[6] >= 0, "task");
-    Task task{TaskKind(k[0]), spec.task_rows, k[1], k[2], bool(k[3]), placement(x), x[12], x[13], x[14], {},
-              spec.numbers, k[4], k[5]};
-    want(next + k[6] <= columns.size() && (!k[6] || k[6] == task.size), "columns of a task");
-    task.columns.assign(columns.begin() + next, columns.begin() + next + k[6]);
-    next += k[6];
+    task.first = spec.task_rows, task.reference = spec.numbers;
+    want(task.size > 0 && task.of_x > 0 && task.of_v > 0, "task");
+    want_below(task.columns, scene.model.nv, "columns of a task");
+    want(task.columns.empty() || int(task.columns.size()) == task.size, "columns of a task");
     const int most = task.is_force() ? int(scene.constraints.size())
                      : task.kind == TaskKind::joint ? scene.model.nq : scene.model.njoints;
     want(0 <= task.at && task.at < most, "place of a task");
@@ -55,32 +74,19 @@ void read_tasks(
       want(std::count(spec.touching.begin(), spec.touching.end(), scene.constraints[task.at].first + i) == 1,
            "contact of a task");
     spec.task_rows += task.size, spec.numbers += task.of_x + 2 * task.of_v;
-    spec.tasks.push_back(task);
   }
 }
 
-/// Cones whose axes turn: `integers` are constraint, row, column and edge.
-void read_cones(
-  TickSpec & spec, const Scene & scene, const Table & cones, const IntegerTable & integers, const Table & floors,
-  const std::vector<Table> & A, const std::vector<Table> & to_wrench)
+void check_cones(const TickSpec & spec, const Scene & scene)
 {
-  spec.cones = matrix(cones);
-  want(cones.shape(1) == spec.touching.size(), "cones");
-  const std::size_t n = integers.shape(0);
-  want(integers.shape(1) == 4 && floors.shape(0) == n && floors.shape(1) == 9 && A.size() == n && to_wrench.size() == n,
-       "cones that turn");
-  for (std::size_t i = 0; i < n; ++i)
+  want(spec.cones.cols() == Eigen::Index(spec.touching.size()), "cones");
+  for (const TurningCone & cone : spec.turning)
   {
-    const int * k = integers.data() + 4 * i;
-    const TurningCone cone{k[0], k[1], k[2], k[3],
-                           Eigen::Map<const Eigen::Matrix<double, 3, 3, Eigen::RowMajor>>(row(floors, i).data()),
-                           matrix(A[i]), matrix(to_wrench[i])};
-    want(0 <= k[0] && k[0] < int(scene.constraints.size()) && 0 <= k[1] && 0 <= k[2] && -1 <= k[3] && k[3] < 3,
-         "cone that turns");
+    want(0 <= cone.constraint && cone.constraint < int(scene.constraints.size()) && 0 <= cone.row && 0 <= cone.column
+           && -1 <= cone.edge && cone.edge < 3, "cone that turns");
     want(cone.A.cols() % 3 == 0 && cone.A.cols() == cone.to_wrench.rows()
-           && k[1] + cone.A.rows() <= spec.cones.rows() && k[2] + cone.to_wrench.cols() <= spec.cones.cols(),
+           && cone.row + cone.A.rows() <= spec.cones.rows() && cone.column + cone.to_wrench.cols() <= spec.cones.cols(),
          "rows of a cone that turns");
-    spec.turning.push_back(cone);
   }
 }
 
@@ -101,6 +107,7 @@ void check_levels(const TickSpec & spec)
 void check(const TickSpec & spec, const Scene & scene)
 {
   check_levels(spec);
+  check_cones(spec, scene);
   want_below(spec.held, scene.rows, "rows that are held");
   want_below(spec.touching, scene.rows, "rows of contacts");
   want_below(spec.driven, scene.rows, "rows that are driven");
@@ -119,9 +126,17 @@ void check(const TickSpec & spec, const Scene & scene)
        "limits of joints");
 }
 
-/// One tick into arrays of Python: v, a, tau, lam, torques of rigid joints and errors one after the other. `sides` are
-/// those to begin from, and then those of the answer, level after level.
-nb::tuple solve(
+/// Where an answer has its parts.
+nb::dict parts(const Tick & tick)
+{
+  const std::size_t nv = tick.scene().model.nv, rows = tick.scene().rows, errors = tick.spec().task_rows;
+  return parts_of(
+    {{"v", nv}, {"a", nv}, {"tau", nv}, {"lam", rows}, {"rigid", tick.spec().rigid.size()}, {"errors", errors}});
+}
+
+/// One tick into an array of Python, whose `parts` are one after the other. `sides` are those to begin from, and then
+/// those of the answer, level after level.
+TickSizes solve(
   Tick & tick, const List & q, const List & v, const List & passive, const List & numbers,
   const Array<signed char, 1> & sides, const Array<double, 1> & out)
 {
@@ -135,15 +150,15 @@ nb::tuple solve(
   std::vector<Sides> at(spec.levels.size(), Sides(rows));
   for (std::size_t i = 0; i < sides.size(); ++i)
     at[i / rows][i % rows] = Side(std::clamp<int>(sides.data()[i], at_lower, at_upper));
-  const TickSizes s = tick(vector(q), vector(v), vector(passive), numbers.data(), at);
+  const TickSizes s = tick(
+    In(q.data(), q.size()), In(v.data(), nv), In(passive.data(), nv), numbers.data(), at);
   if (s.kkt <= spec.kkt)
   {
     for (std::size_t i = 0; i < at.size(); ++i)
       std::copy(at[i].begin(), at[i].end(), sides.data() + i * rows);
     Out(out.data(), out.size()) << tick.v(), tick.a, tick.tau, tick.lam, tick.rigid, tick.errors;
   }
-  return nb::make_tuple(
-    s.kkt, s.dynamics, s.constraints, s.a, s.torque, s.unreached, s.answered, s.changes, s.seconds);
+  return s;
 }
 } // namespace
 
@@ -153,37 +168,27 @@ NB_MODULE(_tick, m)
 {
   using namespace condyn;
   using namespace nanobind::literals;
-  m.attr("protocol") = 3; // of the arrays: what condyn_pin hands over has to be of the same
+  m.attr("protocol") = 4; // of the fields that cross the border: condyn_pin has to be of the same
+  nb::class_<TickSizes>(m, "TickSizes")
+    .def_ro("kkt", &TickSizes::kkt)
+    .def_ro("dynamics", &TickSizes::dynamics)
+    .def_ro("constraints", &TickSizes::constraints)
+    .def_ro("a", &TickSizes::a)
+    .def_ro("torque", &TickSizes::torque)
+    .def_ro("unreached", &TickSizes::unreached)
+    .def_ro("answered", &TickSizes::answered)
+    .def_ro("changes", &TickSizes::changes)
+    .def_ro("seconds", &TickSizes::seconds);
   nb::class_<Tick>(m, "Tick")
     .def("__init__",
-         [](Tick * self, const std::vector<std::string> & kinds, const Integers & parents, const Table & joints,
-            const List & gravity, const List & armature, const IntegerTable & constraints,
-            const Table & of_constraints, const List & drift, const Indices & driven, const IntegerTable & tasks,
-            const Table & of_tasks, const Indices & task_columns, const Indices & levels, const Indices & held, const Indices & touching,
-            const Table & cones, const IntegerTable & turning, const Table & floors, const std::vector<Table> & A,
-            const std::vector<Table> & to_wrench, const Indices & motors, const Indices & rigid,
-            const Indices & limited, const List & torque, const Indices & bounded, const List & most,
-            const List & speed, double dt, const Indices & at_q, const Indices & at_v, const List & lowest,
-            const List & highest, const List & numbers) {
-           Scene scene = read_rows({kinds, parents, joints, gravity, armature, constraints, of_constraints, drift});
-           TickSpec spec;
-           spec.levels = levels;
-           spec.held = held, spec.touching = touching, spec.driven = driven;
-           spec.motors = motors, spec.rigid = rigid;
-           spec.limited = limited, spec.torque = vector(torque);
-           spec.accelerations = {bounded, vector(most), vector(speed), dt, at_q, at_v, vector(lowest), vector(highest)};
-           want(numbers.size() == 9, "numbers");
-           const double * x = numbers.data();
-           spec.mass = x[0], spec.regularisation = x[1], spec.rank = x[2], spec.parallel = x[3], spec.kkt = x[4];
-           spec.least = x[5], spec.strictly = x[6], spec.slack = x[7], spec.decided = x[8];
-           read_tasks(spec, scene, tasks, of_tasks, task_columns);
-           read_cones(spec, scene, cones, turning, floors, A, to_wrench);
+         [](Tick * self, const nb::kwargs & given) {
+           const Fields x(given);
+           Scene scene = read_rows(x);
+           TickSpec spec = x.as<TickSpec>();
+           place_tasks(spec, scene);
            check(spec, scene);
            new (self) Tick(std::move(scene), std::move(spec));
-         },
-         nb::kw_only(), "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a, "constraints"_a,
-         "of_constraints"_a, "drift"_a, "driven"_a, "tasks"_a, "of_tasks"_a, "task_columns"_a, "levels"_a, "held"_a, "touching"_a,
-         "cones"_a, "turning"_a, "floors"_a, "A"_a, "to_wrench"_a, "motors"_a, "rigid"_a, "limited"_a, "torque"_a,
-         "bounded"_a, "most"_a, "speed"_a, "dt"_a, "at_q"_a, "at_v"_a, "lowest"_a, "highest"_a, "numbers"_a)
+         })
+    .def_prop_ro("parts", &parts)
     .def("solve", &solve, "q"_a, "v"_a, "passive"_a, "numbers"_a, "sides"_a, "out"_a);
 }
