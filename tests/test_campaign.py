@@ -106,6 +106,30 @@ def test_answers_are_right_and_a_wrong_one_is_seen():
                 assert right.error(off) > 1e-7
 
 
+@pytest.mark.parametrize("kind", ["universal", "cylindrical"])
+def test_answers_of_loops_of_four_rows_are_right(kind):
+    """By Python, and by the compiled core if there is one."""
+    from campaign import Right
+    from judges.trees import problem
+
+    seen = 0
+    for seed in SEEDS[:12]:
+        try:
+            p = replace(problem(seed, kinds=(kind,)), forces=())
+        except cp.errors.InvalidModel:
+            continue
+        if not any(getattr(c, "kind", "") == kind for c in p.scene.constraints):
+            continue
+        right = Right(p)
+        for native in (False, "where possible"):
+            found = cp.Workspace(p.scene, native=native).solve(p.q, p.v, p.tau, throw=False)
+            if found.status.ok:
+                seen += 1
+                assert right.error(found.a) < 1e-8
+                assert right.force_error(found) < 1e-7
+    assert seen > 8
+
+
 def test_derivatives_are_right_along_the_constraints():
     from campaign import STEP, Right
 

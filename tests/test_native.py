@@ -26,6 +26,7 @@ from test_native_batches import (
     AT,
     DRIFTS,
     DRIVEN,
+    FOUR_ROWS,
     STEPS,
     assert_moved_alike,
     both,
@@ -442,6 +443,7 @@ def changed(items: Sequence[Any], i: int, **fields: object) -> list[Any]:
         ),
         ("talos foot to foot, welded", "constraints", ({"rows": slice(0, 5)},), "constraint"),
         ("four_bar hinge", "constraints", ({"axis": -1}, {"axis": 3}), "constraint"),
+        ("cardan", "constraints", ({"other_axis": 3}, {"kind": "ball"}), "constraint"),
         ("four_bar geared", "constraints", ({"at_q": (99, 0)},), "coupling"),
         (
             "four_bar loops, sprung", "between", ({"joint_b": -1}, {"joint_b": 4}),
@@ -646,7 +648,7 @@ def test_a_workspace_answers_one_state_as_python_does(label):
 
 @pytest.mark.parametrize(
     "label",
-    ["four_bar rod", "rolling_disc contacts", "talos arms geared", *DRIVEN],
+    ["four_bar rod", "rolling_disc contacts", "talos arms geared", *FOUR_ROWS, *DRIVEN],
 )
 def test_a_workspace_answers_rows_of_every_kind(label):
     """Driven ones at two times; at another time the state is off its paths, rows at their word."""

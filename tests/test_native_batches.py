@@ -216,6 +216,38 @@ def chain() -> cp.Scene:
     return cp.Scene(replace(chain_on("spherical"), spring_dampers=SPRINGS))
 
 
+def hands_on_a_cross() -> cp.Scene:
+    """A universal joint between two moving bodies, and one to the world."""
+    talos = robot("talos")
+    left, _ = talos.contacts
+    hands = ("gripper_left_base_link", "gripper_right_base_link")
+    knee = cp.Loop("world", "leg_right_3_link", "universal", axis="yz", name="knee")
+    return cp.Scene(talos, [left, cp.Loop(*hands, "universal", axis="zx"), knee])
+
+
+def hands_on_a_cylinder() -> cp.Scene:
+    talos = robot("talos")
+    left, right = talos.contacts
+    hands = ("gripper_left_base_link", "gripper_right_base_link")
+    return cp.Scene(talos, [left, right, cp.Loop(*hands, "cylindrical", axis="y")])
+
+
+def cardan() -> cp.Scene:
+    """Two shafts of the world, on one cross."""
+    model = pin.Model()
+    for name, tilt in (("driving", 0.0), ("driven", 0.6)):
+        at = pin.SE3(pin.rpy.rpyToMatrix(0.0, tilt, 0.0), np.zeros(3))
+        joint = model.addJoint(0, pin.JointModelRX(), at, name)
+        model.appendBodyToJoint(joint, pin.Inertia.FromBox(1.0, 0.3, 0.1, 0.2), pin.SE3.Identity())
+        model.addFrame(
+            pin.Frame(f"{name} shaft", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME)
+        )
+    return cp.Scene(
+        cp.Robot("shafts", model),
+        [cp.Loop("driving shaft", "driven shaft", "universal", axis="yz")],
+    )
+
+
 def three_gears() -> cp.Scene:
     """Couplings of many joints, which are answered in Python."""
     model = pin.Model()
@@ -227,8 +259,13 @@ def three_gears() -> cp.Scene:
 
 
 MADE = {
-    make.__name__: make for make in (redundant_with_a_rod, one_joint_held, chain, three_gears)
-} | DRIVEN
+    make.__name__: make
+    for make in (
+        redundant_with_a_rod, one_joint_held, chain, three_gears, hands_on_a_cross,
+        hands_on_a_cylinder, cardan,
+    )
+} | DRIVEN  # fmt: skip
+FOUR_ROWS = ("hands_on_a_cross", "hands_on_a_cylinder", "cardan")
 
 
 def scene_of(label: str) -> cp.Scene:
@@ -247,7 +284,7 @@ def test_every_scene_with_rows_of_other_kinds_is_here():
     assert set(DIRECT) | {"sleigh contacts"} == others
 
 
-@pytest.mark.parametrize("label", [*DIRECT, *DRIVEN, "one_joint_held"])
+@pytest.mark.parametrize("label", [*DIRECT, *DRIVEN, "one_joint_held", *FOUR_ROWS])
 def test_rows_of_every_kind(label):
     """On the constraints, and off them where gains pull; driven rows at a time."""
     scene = scene_of(label)

@@ -470,7 +470,7 @@ def _together(a: Place, b: Place, axis: int | None) -> list[Jet]:
 
 
 def _loop(c: cp.Loop, a: Place, b: Place) -> list[Jet]:
-    axis = "xyz".index(c.axis or "z")
+    axis, other = ("xyz".index((c.axis or "z")[k]) for k in (0, -1))
     others = [i for i in range(3) if i != axis]
     if c.kind == "ball":
         return [b.p - a.p]
@@ -482,6 +482,13 @@ def _loop(c: cp.Loop, a: Place, b: Place) -> list[Jet]:
         return [_shifted(a, b).map(lambda r: r[..., others]), _turned(a, b).map(vee)]
     if c.kind == "planar":
         return [_shifted(a, b).map(lambda r: r[..., others])]
+    if c.kind == "cylindrical":
+        return [
+            _shifted(a, b).map(lambda r: r[..., others]),
+            _turned(a, b).map(lambda R: R[..., others, axis]),
+        ]
+    if c.kind == "universal":  # the pin of a is across that of b
+        return [b.p - a.p, _turned(a, b).map(lambda R: R[..., [axis], other])]
     apart = b.p - a.p
     return [dot(apart, apart).root()]
 

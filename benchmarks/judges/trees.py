@@ -6,6 +6,7 @@ from one seed. Loops are closed by construction: their second frame is put where
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +18,10 @@ from condyn_pin.constraints.loop import axis_of
 from judges.oracle import Array, Oracle, rows, solve
 
 Random = np.random.Generator
+
+# Kinds of loops of the problems of a campaign, in the order in which seeds draw them, and others.
+KINDS = ("ball", "weld", "hinge", "slider", "planar", "rod")
+FOUR_ROWS = ("universal", "cylindrical")
 
 # How far masses spread over one tree: decades below and above 1 kg.
 SPREADS = (0.3, 0.3, 1.0, 1.0, 2.0, 4.0)
@@ -39,14 +44,14 @@ class Problem:
     forces: tuple[tuple[str, Array, bool], ...]
 
 
-def problem(seed: int) -> Problem:
-    """Return the problem of a seed."""
+def problem(seed: int, kinds: Sequence[str] = KINDS) -> Problem:
+    """Return the problem of a seed, with loops of some kinds."""
     rng = np.random.default_rng([20260, seed])
     model = tree(rng)
     q = configuration(model, rng)
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
-    constraints = _constraints(model, data, q, rng)
+    constraints = _constraints(model, data, q, rng, kinds)
     robot = cp.Robot("random", model, postures={"here": q})
     scene = cp.Scene(robot, constraints)
     q = scene.robot.postures["here"]
@@ -191,19 +196,20 @@ class _Frames:
         return name
 
 
-def _constraints(model: Any, data: Any, q: Array, rng: Random) -> list[cp.constraints.Constraint]:
+def _constraints(
+    model: Any, data: Any, q: Array, rng: Random, kinds: Sequence[str]
+) -> list[cp.constraints.Constraint]:
     """Return constraints that hold at q; now and then one twice, or a ball beside a weld."""
     frames = _Frames(model, data, rng)
     made: list[cp.constraints.Constraint] = []
     for _ in range(int(rng.integers(0, 5))):
         k = len(made)
-        pick = int(rng.integers(11))
-        if pick < 6:
-            kind = ("ball", "weld", "hinge", "slider", "planar", "rod")[pick]
-            made += _loops(frames, kind, f"c{k}", rng)
-        elif pick < 9:
+        pick = int(rng.integers(len(kinds) + 5)) - len(kinds)
+        if pick < 0:
+            made += _loops(frames, kinds[pick], f"c{k}", rng)
+        elif pick < 3:
             made.append(_contact(frames, f"c{k}", rng))
-        elif pick == 9:
+        elif pick == 3:
             made += _coupling(model, q, f"c{k}", rng)
         else:
             made.append(_rolling(frames, f"c{k}", rng))
@@ -214,9 +220,18 @@ def _loops(frames: _Frames, kind: Any, name: str, rng: Random) -> list[cp.constr
     one, two = frames.any(), frames.any()
     if one == two:
         return []
-    axis = "xyz"[int(rng.integers(3))]
-    e = np.eye(3)["xyz".index(axis)]
+    i = int(rng.integers(3))
+    e, across, axis = np.eye(3)[i], np.eye(3)[i - 1], "xyz"[i]
     place = frames.data.oMi[frames.any(False)] * placement(rng)
+    if kind in FOUR_ROWS:
+        turn, shift, swing = rng.normal(size=3)
+        alike = {
+            "universal": pin.SE3(pin.exp3(turn * e) @ pin.exp3(swing * across), np.zeros(3)),
+            "cylindrical": pin.SE3(pin.exp3(turn * e), 0.3 * shift * e),
+        }[kind]
+        pins = axis + "xyz"[i - 1] if kind == "universal" else axis
+        a, b = frames.add(one, place), frames.add(two, place * alike)
+        return [cp.Loop(a, b, kind, axis=pins, name=name)]  # type: ignore[arg-type]
     other = {
         "ball": pin.SE3(pin.exp3(rng.normal(size=3)), np.zeros(3)),
         "weld": pin.SE3.Identity(),

@@ -312,6 +312,11 @@ class Cross:
             bend[3 + k, 3, 3:] = self._across(cross(cross(R[:, self.j], turn), s[3:]))
         return bend
 
+    @property
+    def of_cut(self) -> dict[str, Any]:
+        """Three shifts, and the turn that the pins do not have."""
+        return {"selection": (0, 1, 2, 3), "axis": self.i, "other_axis": self.j}
+
     def _across(self, u: Array) -> Array:
         """Product e_i x u."""
         return cross(np.eye(3)[self.i], u)

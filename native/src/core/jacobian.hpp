@@ -61,6 +61,8 @@ public:
   {
     if (k.kind == Kind::rod)
       along_ = between_.translation() / std::max(between_.translation().norm(), 1e-300);
+    if (k.is_cross())
+      along_ = Cross(k, between_.rotation()).w;
     if (k.kind == Kind::roll)
     {
       const Touch at(k, between_.rotation(), Vector3d::Zero());
@@ -83,6 +85,8 @@ public:
     case Kind::cut:
       slip.head<3>() = one.linear() + one.angular().cross(between_.translation()) - R * two.linear();
       slip.tail<3>() = one.angular() - R * two.angular();
+      if (k_.is_cross())
+        slip[3] = along_.dot(slip.tail<3>());
       break;
     case Kind::rod: slip[0] = along_.dot(one.linear() - R * two.linear()); break;
     case Kind::roll: slip.head<3>() = axes_.transpose() * (one.linear() + one.angular().cross(point_)); break;

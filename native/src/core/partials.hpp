@@ -37,6 +37,8 @@ public:
       if (k.kind != Kind::rod)
         force_[k.selection[i]] = lam[i];
     length_ = lam[0];
+    if (k.is_cross())
+      square_ = force_[3], force_.tail<3>() = square_ * Cross(k, R_).w;
     const bool turns = k.anchored && (k.kind == Kind::weld || (k.kind == Kind::held && !k.is_point()));
     if (turns)
       pinocchio::Jlog6(between_, log_);
@@ -164,7 +166,25 @@ private:
       of.c_q << -lin.dr, turned(turn);
     of.w1.tail<3>() = -force_.head<3>().cross(lin.dr);
     of.w2 << -force_.head<3>().cross(turn), -force_.tail<3>().cross(turn);
+    if (k_.is_cross())
+      square(turn, of);
     return of;
+  }
+
+  /// The row of a cross in the place of its turns, w . s'_ang + w' . s_ang.
+  void square(const Vector3d & turn, RowPartials & of) const
+  {
+    const Cross at(k_, R_);
+    const Vector3d s = one_.v.angular() - two_.v.angular(), w_q = at.rate(turn), s_q = of.v_q.tail<3>();
+    const Vector3d s_dot = one_.a.angular() - two_.a.angular() + one_.v.angular().cross(two_.v.angular());
+    const Vector3d rate = at.rate(s), rate_q = at.e.cross(at.u.cross(turn).cross(s) + at.u.cross(s_q));
+    of.s_q[3] = w_q.dot(s_dot) + at.w.dot(of.s_q.tail<3>()) + rate_q.dot(s) + rate.dot(s_q);
+    of.s_v[3] = at.w.dot(of.s_v.tail<3>()) + w_q.dot(s) + rate.dot(turn);
+    of.v_q[3] = w_q.dot(s) + at.w.dot(s_q);
+    of.J[3] = at.w.dot(turn);
+    if (k_.anchored)
+      of.c_q[3] = of.J[3];
+    of.w1.tail<3>() += square_ * w_q, of.w2.tail<3>() += square_ * w_q;
   }
 
   /// How the turn that is missing changes, of hinges and sliders.
@@ -239,6 +259,7 @@ private:
   Body one_, two_;
   Vector6d force_ = Vector6d::Zero();
   double length_; // the force of a rod
+  double square_ = 0; // of a cross: what holds its pins across each other
   Eigen::Matrix<double, 6, 6> log_;
   Matrix3d log3_;
 };

@@ -34,7 +34,7 @@ double tilt(double by, double over)
   return by > 0 ? by / std::max(over, std::numeric_limits<double>::epsilon() * by) : 0.0;
 }
 
-/// Largest error of a direction of rods and wheels, over eps: `OnFrames.shares` in Python.
+/// Largest error of a direction of rods, wheels and crosses, over eps: `shares` in Python.
 double lean(const Scene & scene, const Data & data)
 {
   double most = 0;
@@ -46,6 +46,15 @@ double lean(const Scene & scene, const Data & data)
       const auto &p1 = k.placement1.translation(), &p2 = k.placement2.translation();
       const double reach = one.translation().norm() + p1.norm() + two.translation().norm() + p2.norm();
       most = std::max(most, 1 + tilt(reach, (two.act(p2) - one.act(p1)).norm()));
+    }
+    else if (k.is_cross())
+    {
+      const Matrix3d R1 = data.oMi[k.joint1].rotation() * k.placement1.rotation();
+      const Cross cross(k, R1.transpose() * data.oMi[k.joint2].rotation() * k.placement2.rotation());
+      Vector3d sizes = cross.w.cwiseAbs();
+      for (int i = 0; i < 3; ++i)
+        sizes += cross.rate(Vector3d::Unit(i)).cwiseAbs();
+      most = std::max({most, 1.0, sizes.maxCoeff()});
     }
     else if (k.kind == Kind::roll && k.axis >= 0)
     {

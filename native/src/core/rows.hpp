@@ -8,6 +8,7 @@
 //   weld   c = -log6(E1^-1 E2)                    J v = v1 - X v2    J a + gamma = a1 - X a2 + slip x X v2
 //   cut    s = v1 + w1 x r - R v2 = -r',          s' = a1 - R a2 + alpha1 x r + w1 x (w1 x r - 2 s)
 //          w1 - R w2,                             alpha1 - R alpha2 + w1 x R w2
+//   cross  (of a cut) e . u,               e x u . (w1 - R w2),     u = R e_b
 //   rod    c = L - |r|,    J v = n . s,           J a + gamma = n . s' - (|s|^2 - (n . s)^2) / |r|
 //
 // Rows that are driven follow s(t): c - s, J v - s' and J a + gamma - s'' stand for the three.
@@ -129,6 +130,13 @@ private:
       else if (k.is_hinge)
         gap.tail<3>() = turn_off(R, k.axis);
     }
+    if (k.is_cross())
+    {
+      const Cross cross(k, R);
+      rate[3] = cross.w.dot(rate.tail<3>()) + cross.rate(slip.tail<3>()).dot(slip.tail<3>());
+      slip[3] = cross.w.dot(slip.tail<3>());
+      gap[3] = cross.e.dot(cross.u);
+    }
     put(k, gap, slip, rate);
   }
 
@@ -204,6 +212,8 @@ inline void add_wrenches(
     else
       for (int i = 0; i < k.size; ++i)
         six[k.selection[i]] = k.sign * lam[k.first + i];
+    if (k.is_cross())
+      six.tail<3>() = (six[3] * Cross(k, R).w).eval();
     if (k.kind == Kind::roll)
     {
       const Touch at(k, R, Vector3d::Zero());
