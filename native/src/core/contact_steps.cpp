@@ -15,8 +15,7 @@ constexpr int closings_at_most = 10; // as `_CLOSINGS`
 ContactSteps::ContactSteps(const Scene & scene, const Candidates & candidates, int rank)
 : candidates(candidates), given_(scene), scene_(scene), mechanics_(scene_.model), rows_(scene_.rows)
 , floating_(scene_.model), chart_(scene_.model), still_(VectorXd::Zero(scene.model.nv))
-, free_(scene_, floating_, mechanics_, rows_, rank), factor_there_(scene_.model, ties(scene_))
-, on_joint_(scene.model.njoints, Force::Zero())
+, free_(scene_, floating_, mechanics_, rows_, rank), on_joint_(scene.model.njoints, Force::Zero())
 {
   ends_.resize(scene.model.nq), q.resize(scene.model.nq);
 }
@@ -175,7 +174,7 @@ bool ContactSteps::follows()
 /// work of that.
 bool ContactSteps::close_loops()
 {
-  closed_elsewhere_ = false;
+  closings_made_ = 0;
   if (!free_.blocked.rank)
     return true;
   VectorXd closed = q;
@@ -191,17 +190,23 @@ bool ContactSteps::close_loops()
     if (!(gap < least)) // rounding, or out of reach
       break;
     moves = k > 0, closed = q, least = gap;
+    if (closings_made_)
+      closings_[closings_made_ - 1].end = q;
     if (gap <= plan_.closed)
       break;
     if (gap > plan_.small)
     {
-      closed_elsewhere_ = true;
-      if (!free_.factorise_at(q, factor_there_, blocked_there_))
+      if (closings_made_ == int(closings_.size()))
+        closings_.push_back({TreeFactor(scene_.model, ties(scene_)), {}, {}, {}});
+      Closing & next = closings_[closings_made_++];
+      next.begin = next.end = q;
+      if (!free_.factorise_at(q, next.factor, next.blocked))
         return false;
     }
-    const Blocked & blocked = closed_elsewhere_ ? blocked_there_ : free_.blocked;
+    const Closing * by = closings_made_ ? &closings_[closings_made_ - 1] : nullptr;
+    const Blocked & blocked = by ? by->blocked : free_.blocked;
     VectorXd along = -(blocked.V * blocked.held(rows_.c));
-    (closed_elsewhere_ ? factor_there_ : free_.factor()).unwhiten(along);
+    (by ? by->factor : free_.factor()).unwhiten(along);
     mechanics_.integrate(q, along, moved_);
     q.swap(moved_);
   }

@@ -11,6 +11,7 @@
 #include "chart.hpp"
 #include "measures.hpp"
 #include "touching.hpp"
+#include <deque>
 
 namespace condyn
 {
@@ -82,9 +83,15 @@ private:
   VectorXd gaps_, gap_there_, ends_; // of all candidates at its beginning, and at the end of a path
   MatrixXd J_, J_there_; // rows of all candidates
   VectorXd moved_;
-  bool closed_elsewhere_ = false; // whether loops were closed by other factors than those of the step
-  TreeFactor factor_there_;
-  Blocked blocked_there_;
+  /// A part of the way on which loops are closed, by the factors of a step from its beginning.
+  struct Closing
+  {
+    TreeFactor factor;
+    Blocked blocked;
+    VectorXd begin, end;
+  };
+  std::deque<Closing> closings_; // memory
+  int closings_made_ = 0; // of the last step, by other factors than its own
   Forces on_joint_;
   VectorXd torque_;
 };

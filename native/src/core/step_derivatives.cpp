@@ -168,49 +168,85 @@ void StepDerivatives::move()
   moved_partials_.turned(v1, dt).premultiply(dv);
 }
 
-/// Loops are closed behind the step, along M^-1 J_b^T of the step. Rows without a place have J_b x = 0 there.
+/// Loops are closed behind the step, by its own factors or by those of some places on the way.
 bool StepDerivatives::close(const Readings & readings)
 {
   ContactSteps & step = steps_;
-  const Blocked & blocked = step.free_.blocked;
-  const int n = scene_.model.nv;
-  if (!blocked.rank || readings.placed.empty())
+  if (!step.free_.blocked.rank || readings.placed.empty())
     return true;
-  if (step.closed_elsewhere_) // the moves have other factors, which Python follows
-    return false;
-  VectorXd begin = step.q;
-  steps_.floating_.integrate(mechanics_, step.free_.q, step.plan_.dt * step.touching_.v1, begin);
-  const VectorXd x = mechanics_.difference(begin, step.q);
-  const VectorXd y = blocked.impulses(blocked.V.transpose() * (step.free_.factor() * x));
-  mechanics_.place(step.free_.q);
-  of_moves_.at(step.free_.q, VectorXd::Zero(n), x, y, no_loads_, mechanics_.data);
-  MatrixXd by_start(n, n), by_x(n, n);
+  if (!step.closings_made_)
+  {
+    VectorXd begin = step.q;
+    step.floating_.integrate(mechanics_, step.free_.q, step.plan_.dt * step.touching_.v1, begin);
+    return close(step.free_.factor(), step.free_.blocked, begin, step.q, true, readings.placed);
+  }
+  std::vector<const ContactSteps::Closing *> parts;
+  for (int i = 0; i < step.closings_made_; ++i)
+    if (step.closings_[i].end != step.closings_[i].begin)
+      parts.push_back(&step.closings_[i]);
+  for (const auto * part : parts)
+    if (!close(part->factor, part->blocked, part->begin, part->end, false,
+               part == parts.back() ? readings.placed : std::vector<int>()))
+      return false;
+  return !parts.empty(); // what did not move at all Python has to say
+}
+
+/// A move x = M^-1 J_b^T y, M and J_b those where the step or the move begins. At the end of the last one rows that
+/// are placed have c = 0; others have J_b x = 0 there, and of a move that others follow J_b x = -c.
+bool StepDerivatives::close(
+  const TreeFactor & factor, const Blocked & blocked, const VectorXd & begin, const VectorXd & end, bool is_of_step,
+  const std::vector<int> & placed)
+{
+  const ContactSteps & step = steps_;
+  const int n = scene_.model.nv, columns = is_of_step ? n : int(dq.cols());
+  const VectorXd & at = is_of_step ? step.free_.q : begin;
+  const VectorXd x = mechanics_.difference(begin, end);
+  const VectorXd y = blocked.impulses(blocked.V.transpose() * (factor * x));
+  mechanics_.place(at);
+  weightless_.kp = placed.empty() ? 1.0 : 0.0;
+  of_moves_.at(at, VectorXd::Zero(n), x, y, no_loads_, mechanics_.data);
+  MatrixXd by_start(n, n), by_x(n, n), inverse, Z;
   mechanics_.integrate_partials(begin, x, by_start, by_x);
-  dq = (by_start * dq).eval();
   MatrixXd left = of_moves_.r().leftCols(n);
   if (!springs_.none()) // they are part of M, and turn: what x adds to their slopes
   {
     MatrixXd at_rest = MatrixXd::Zero(n, n);
-    springs_.add_slopes(VectorXd::Zero(n), step.plan_.dt, linearisation_.data, at_rest);
-    springs_.add_slopes(x, step.plan_.dt, linearisation_.data, left);
+    springs_.at(of_moves_.data);
+    if (!springs_.add_slopes(VectorXd::Zero(n), step.plan_.dt, of_moves_.data, at_rest)
+        || !springs_.add_slopes(x, step.plan_.dt, of_moves_.data, left))
+      return false;
     left -= at_rest;
   }
-  const MatrixXd turned = inverse_ * left;
-  dq.leftCols(n) += by_x * turned;
-  mechanics_.jacobians(step.q);
-  MatrixXd J;
-  write_jacobian(scene_, mechanics_.data, moved_, J);
-  const MatrixXd Z = by_x * Z_;
-  MatrixXd opened = MatrixXd::Zero(J.rows(), dq.cols()), closed = of_moves_.J * Z_;
+  if (!is_of_step)
+  {
+    factor.invert(inverse);
+    MatrixXd rows = blocked.V.transpose();
+    factor.unwhiten_rows(rows);
+    Z = rows.transpose();
+  }
+  const MatrixXd & along = is_of_step ? Z_ : Z;
+  MatrixXd turned = (is_of_step ? inverse_ : inverse) * left;
+  MatrixXd opened = MatrixXd::Zero(scene_.rows, dq.cols()), closed = of_moves_.J * along;
   opened.leftCols(n) = of_moves_.J * turned - of_moves_.s().leftCols(n);
-  for (int row : readings.placed)
-    opened.row(row) = J.row(row) * dq, closed.row(row) = J.row(row) * Z;
-  Eigen::CompleteOrthogonalDecomposition<MatrixXd> factor(J.rows(), Z.cols());
-  factor.setThreshold(step.plan_.rank_tolerance);
-  factor.compute(closed);
-  if (factor.rank() != blocked.rank)
+  if (!is_of_step) // where that is moves, too
+    opened = (opened.leftCols(n) * dq).eval(), turned = (turned * dq).eval();
+  dq = (by_start * dq).eval();
+  dq.leftCols(columns) += by_x * turned;
+  const MatrixXd back = by_x * along;
+  if (!placed.empty())
+  {
+    mechanics_.jacobians(end);
+    MatrixXd J;
+    write_jacobian(scene_, mechanics_.data, moved_, J);
+    for (int row : placed)
+      opened.row(row) = J.row(row) * dq, closed.row(row) = J.row(row) * back;
+  }
+  Eigen::CompleteOrthogonalDecomposition<MatrixXd> decomposed(closed.rows(), closed.cols());
+  decomposed.setThreshold(step.plan_.rank_tolerance);
+  decomposed.compute(closed);
+  if (decomposed.rank() != blocked.rank)
     return false;
-  dq -= Z * factor.solve(opened);
+  dq -= back * decomposed.solve(opened);
   return true;
 }
 

@@ -56,6 +56,9 @@ private:
   bool untouched();
   void move();
   bool close(const Readings & readings);
+  bool close(
+    const TreeFactor & factor, const Blocked & blocked, const VectorXd & begin, const VectorXd & end, bool is_of_step,
+    const std::vector<int> & placed);
   void read_margin(double falls);
 
   ContactSteps & steps_;
