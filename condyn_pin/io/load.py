@@ -2,35 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
-from importlib import import_module, metadata
+from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 from warnings import warn
 
-import numpy as np
-
-import condyn_pin
-from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_type
-from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraint import Constraint
 from condyn_pin.errors import (
     InvalidArgument,
     InvalidModel,
-    MissingExtra,
     UnmodelledWarning,
     unknown_name,
 )
-from condyn_pin.model.joints import CoupledMotor
+from condyn_pin.io.description import (
+    check_root_joint,
+    example_robot_data,
+    robots_folder,
+)
 from condyn_pin.model.mechanisms import MECHANISMS
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.springs import Spring, SpringDamper
-
-from condyn_pin.io.description import check_root_joint, description_file, example_robot_data, robots_folder
 
 __all__ = ["available_robots", "example_robot_data", "load_robot", "robots_folder"]
 

@@ -36,7 +36,14 @@ from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.places import WORLD
 from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.io.description import Body, Description, check_root_joint, circle_of, implausible_inertias, tensor
+from condyn_pin.io.description import (
+    Body,
+    Description,
+    check_root_joint,
+    circle_of,
+    implausible_inertias,
+    tensor,
+)
 from condyn_pin.io.urdf_loops import (
     CompanionFile,
     close,
