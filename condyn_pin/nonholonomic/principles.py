@@ -343,7 +343,8 @@ class ChaplyginReduction:
         def slope(t: float, q: Array, w: Array) -> tuple[Array, Array]:
             M, h, connection, H = self._terms(q, w, of)
             v = H @ w
-            return v, np.linalg.solve(M, H.T @ system.torque(t, q, v) + connection - h)
+            forces = H.T @ system.torque(t, q, v) + connection - h
+            return v, np.asarray(np.linalg.solve(M, forces))
 
         t, found_q, v, found_w = _motion(self.scene, slope, q_, w_, duration, dt)
         return ReducedMotion(self.scene, t, found_q, v, found_w)

@@ -146,7 +146,7 @@ class SteeringPlan:
         return Scene(scene.robot, [*scene.constraints, *drives])
 
     def state(self) -> tuple[Array, Array]:
-        """Return q (nq,) and v (nv,) at the beginning: at rest, other joints in neutral position."""
+        """Return q (nq,) and v (nv,) at the beginning: at rest, other joints neutral."""
         return self.form.to_joints(self.start), np.zeros(self.form.scene.robot.nv)
 
     def __add__(self, other: SteeringPlan) -> SteeringPlan:

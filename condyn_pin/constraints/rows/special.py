@@ -555,6 +555,10 @@ class RollingOver:
         """Partials of W' by moves of the frames (6, rows, 6), by differences."""
         return differenced_bend(self.weights_rate, R, r, s)
 
+    @property
+    def of_cut(self) -> None:
+        """None: the core has no such rows."""
+
     def _touch(self, R: Array) -> tuple[Array, Array]:
         """Axes T (3, 3) of the rows, and the lowest point from the middle; zeros of one flat."""
         n, t = R[:, 2], R[:, 0]
