@@ -9,8 +9,8 @@ plane n . f_t <= mu f_n, and there the program has the answer of a quadratic one
 
 the curvature of the cone (sequential quadratic programming). From a start near enough each of them
 squares the error, so that the answer is exact to rounding, and proved by the conditions of the
-round cones themselves. The start is the last tick, or else Clarabel, an interior-point method for cones;
-at the tip, where f_t has no direction, n is that of its multiplier.
+round cones themselves. The start is the last tick, or else Clarabel, an interior-point method for
+cones; at the tip, where f_t has no direction, n is that of its multiplier.
 
 References
 ----------

@@ -16,33 +16,26 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import finite
 from condyn_pin._core.models import axes
 from condyn_pin.constraints.rows.bound import (
-    FRAME,
-    POINT,
-    BoundBetweenFrames,
-    BoundConstraint,
     Terms,
 )
-from condyn_pin.constraints.rows.special import (
-    BoundCoupling,
-    BoundRelation,
-    BoundRolling,
-    RelativePosition,
+from condyn_pin.constraints.rows.symbolic import (
+    exact_matrix,
+    exact_number,
+    skew_matrix,
+    symbolic_rows,
 )
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven, check_scene
 from condyn_pin.errors import MissingExtra, UnsupportedConstraint
-
-# Entries of rotations below this are rounding of cos(90 deg).
-_ROUNDING: Final = 1e-15
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -124,8 +117,8 @@ def symbolic(scene: Scene) -> SymbolicScene:
     def rate(x: Any) -> Any:
         return x.jacobian(bodies.q) * bodies.q_rate
 
-    M, h = sp.diag(*[_number(sp, x) for x in model.armature]), sp.zeros(nv, 1)
-    gravity = _numbers(sp, model.gravity.linear)
+    M, h = sp.diag(*[exact_number(sp, x) for x in model.armature]), sp.zeros(nv, 1)
+    gravity = exact_matrix(sp, model.gravity.linear)
     for i in range(1, model.njoints):
         if not model.inertias[i].mass and not np.any(model.inertias[i].inertia):
             continue
@@ -136,7 +129,7 @@ def symbolic(scene: Scene) -> SymbolicScene:
         weight = inertia * sp.Matrix.vstack(R.T * gravity, sp.zeros(3, 1))
         M += Ji.T * inertia * Ji
         h += Ji.T * (inertia * rate(twist) + _force_cross(sp, twist, momentum) - weight)
-    rows = [_rows(sp, bodies, bound) for bound in scene.bounds]
+    rows = [symbolic_rows(sp, bodies, bound) for bound in scene.bounds]
     J = sp.Matrix.vstack(sp.zeros(0, nv), *rows)
     tau, lam = (_vector(sp, name, size) for name, size in (("tau", nv), ("lam", scene.rows)))
     gamma = rate(J * v) if scene.rows else sp.zeros(0, 1)
@@ -177,11 +170,11 @@ class _Bodies:
             at_q = slice(joint.idx_q, joint.idx_q + joint.nq)
             at_v = slice(joint.idx_v, joint.idx_v + joint.nv)
             q, v = self.q[at_q, :], self.v[at_v, :]
-            S = _numbers(sp, axes(joint, pin.neutral(model)))
+            S = exact_matrix(sp, axes(joint, pin.neutral(model)))
             R, p, q_rate = _moved(sp, joint, names[i], S, q, v)
             self.q_rate[at_q, :] = q_rate
             fixed = model.jointPlacements[i]
-            R0, p0 = _numbers(sp, fixed.rotation), _numbers(sp, fixed.translation)
+            R0, p0 = exact_matrix(sp, fixed.rotation), exact_matrix(sp, fixed.translation)
             within = R0 * R, p0 + R0 * p  # of the joint in its parent
             parent = int(model.parents[i])
             self.placements.append(_times(self.placements[parent], within))
@@ -192,7 +185,7 @@ class _Bodies:
     def frame(self, joint: int, placement: Any) -> tuple[tuple[Any, Any], Any]:
         """Return (R, p) in the world and the Jacobian in own axes of a frame on a joint."""
         sp = self.sp
-        within = _numbers(sp, placement.rotation), _numbers(sp, placement.translation)
+        within = exact_matrix(sp, placement.rotation), exact_matrix(sp, placement.translation)
         J = _turned(sp, within) * self.jacobians[joint]
         return _times(self.placements[joint], within), J
 
@@ -235,75 +228,15 @@ def _moved(sp: Any, joint: Any, name: str, S: Any, q: Any, v: Any) -> tuple[Any,
 
 def _about(sp: Any, e: Any, c: Any, s: Any) -> Any:
     """Rotation about a unit axis, by its cosine and sine."""
-    return c * sp.eye(3) + s * _skew(sp, e) + (1 - c) * e * e.T
+    return c * sp.eye(3) + s * skew_matrix(sp, e) + (1 - c) * e * e.T
 
 
 def _by_quaternion(sp: Any, q: Any, w: Any) -> tuple[Any, Any]:
     """Rotation of a unit quaternion x y z w, and its rate at an angular velocity in own axes."""
     u, real = q[:3, :], q[3]
-    R = (2 * real**2 - 1) * sp.eye(3) + 2 * real * _skew(sp, u) + 2 * u * u.T
+    R = (2 * real**2 - 1) * sp.eye(3) + 2 * real * skew_matrix(sp, u) + 2 * u * u.T
     rate = sp.Matrix.vstack(real * w + u.cross(w), -sp.Matrix([u.dot(w)])) / 2
     return R, rate
-
-
-# Rows of constraints, as `condyn_pin.constraints.rows` has them.
-
-
-def _rows(sp: Any, bodies: _Bodies, bound: BoundConstraint) -> Any:
-    """Rows of J (size, nv) of one constraint, with its sign."""
-    if isinstance(bound, BoundCoupling):
-        return _coupled(sp, bodies, bound)
-    if isinstance(bound, BoundRolling):
-        return _rolled(sp, bodies, bound)
-    relative = isinstance(bound, BoundRelation) and isinstance(bound.relation, RelativePosition)
-    if not isinstance(bound, BoundBetweenFrames) and not relative:
-        raise UnsupportedConstraint(
-            f"{bound.name}: rows of functions have no formula here; write them in SymPy beside "
-            "those of symbolic()"
-        )
-    b: Any = bound
-    (R1, p1), J1 = bodies.frame(b.joint1, b.placement1)
-    if isinstance(bound, BoundBetweenFrames) and bound.is_held:
-        return b.sign * J1[list(b.selection), :]
-    (R2, p2), J2 = bodies.frame(b.joint2, b.placement2)
-    R, r = R1.T * R2, R1.T * (p2 - p1)
-    if isinstance(bound, BoundBetweenFrames) and bound.is_rod:
-        along = (r / sp.sqrt(r.dot(r))).T
-        return b.sign * along * (J1[:3, :] - R * J2[:3, :])
-    if isinstance(bound, BoundBetweenFrames) and bound.selection == POINT:
-        return b.sign * (J1[:3, :] - R * J2[:3, :])
-    linear = J1[:3, :] - _skew(sp, r) * J1[3:, :] - R * J2[:3, :]
-    if isinstance(bound, BoundBetweenFrames) and bound.selection == FRAME:
-        linear = J1[:3, :] - R * J2[:3, :] - _skew(sp, r) * R * J2[3:, :]
-    six = sp.Matrix.vstack(linear, J1[3:, :] - R * J2[3:, :])
-    chosen = b.relation.chosen if relative else b.selection
-    return b.sign * six[list(chosen), :]
-
-
-def _coupled(sp: Any, bodies: _Bodies, b: BoundCoupling) -> Any:
-    J = sp.zeros(1, bodies.nv)
-    bends = b.bends or ((),) * len(b.weights)
-    for at_q, at_v, weight, bend in zip(b.configuration, b.velocity, b.weights, bends, strict=True):
-        x = bodies.q[at_q]
-        J[0, at_v] = _number(sp, weight) + sum(
-            power * _number(sp, k) * x ** (power - 1) for power, k in enumerate(bend, 2)
-        )
-    return b.sign * J
-
-
-def _rolled(sp: Any, bodies: _Bodies, b: BoundRolling) -> Any:
-    (R1, _), J1 = bodies.frame(b.joint1, b.placement1)
-    plane, radius = R1.T * _numbers(sp, b.placement2.rotation), _number(sp, b.radius)
-    t, n = plane[:, 0], plane[:, 2]
-    r = -radius * n
-    if b.axle is not None:
-        e = sp.eye(3)[:, b.axle]
-        across = e.cross(n)
-        t = across / sp.sqrt(across.dot(across))
-        r = radius * e.cross(t)
-    T = sp.Matrix.hstack(t, n.cross(t), n).T
-    three = T * (J1[:3, :] - _skew(sp, r) * J1[3:, :])
-    return b.sign * three[list(b.selection), :]
 
 
 # Placements (R, p), twists and inertias in symbols, linear part first.
@@ -316,31 +249,15 @@ def _times(one: tuple[Any, Any], two: tuple[Any, Any]) -> tuple[Any, Any]:
 def _turned(sp: Any, placement: tuple[Any, Any]) -> Any:
     """Matrix (6, 6) that brings twists of a parent into a frame placed within it."""
     R, p = placement
-    corner = -R.T * _skew(sp, p)
+    corner = -R.T * skew_matrix(sp, p)
     return sp.Matrix(sp.BlockMatrix([[R.T, corner], [sp.zeros(3), R.T]]))
 
 
 def _spatial_inertia(sp: Any, inertia: Any) -> Any:
-    return _numbers(sp, inertia.matrix())
+    return exact_matrix(sp, inertia.matrix())
 
 
 def _force_cross(sp: Any, twist: Any, momentum: Any) -> Any:
     """V x* h: how fast a momentum turns with its axes."""
     v, w, p, L = twist[:3, :], twist[3:, :], momentum[:3, :], momentum[3:, :]
     return sp.Matrix.vstack(w.cross(p), v.cross(p) + w.cross(L))
-
-
-def _skew(sp: Any, x: Any) -> Any:
-    return sp.Matrix([[0, -x[2], x[1]], [x[2], 0, -x[0]], [-x[1], x[0], 0]])
-
-
-def _number(sp: Any, x: float) -> Any:
-    """Number of a model: exact where it is whole."""
-    x = float(x)
-    return sp.Integer(round(x)) if abs(x - round(x)) < _ROUNDING else sp.Float(x, 17)
-
-
-def _numbers(sp: Any, x: Array) -> Any:
-    array = np.asarray(x, dtype=float)
-    array = array[:, None] if array.ndim == 1 else array
-    return sp.Matrix(*array.shape, [_number(sp, each) for each in array.ravel()])

@@ -200,7 +200,7 @@ def lie_bracket(scene: Scene, X: Field, Y: Field, q: ArrayLike) -> Array:
 
     Returns
     -------
-    (nv,) array
+    bracket : (nv,) array
         By differences of order 4 [product of the units of X and Y].
 
     Raises

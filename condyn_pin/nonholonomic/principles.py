@@ -209,7 +209,7 @@ class ReducedTerms(NamedTuple):
     connection : (d,) array
         Torque of the connection, -H^T K^T mu [N m, N].
     H : (nv, d) array
-        Velocities of all joints that those of the base lead to, v = H w.
+        Velocities of all joints by those of the base, v = H w [1, m/rad, rad/m].
     """
 
     M: Array

@@ -221,7 +221,7 @@ def steer_by_sinusoids(
     ----------
     form : ChainedForm
     start, goal : (nq,) array_like
-        Configurations; joints that are not of the form do not count.
+        Configurations [rad, m]; joints that are not of the form do not count.
     ahead : float
         How far it drives ahead, and back, in each period [m]; backwards if negative. The angles of
         period k go with ahead^-k: a longer drive bends less.
@@ -290,8 +290,8 @@ def steer_by_polynomials(
     ----------
     form : ChainedForm
     start, goal : (nq,) array_like
-        Configurations at different x of the last axle; joints that are not of the form do not
-        count.
+        Configurations [rad, m] at different x of the last axle; joints that are not of the form
+        do not count.
     duration : float
         Of the plan [s].
 

@@ -23,6 +23,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices, read_only
 from condyn_pin._core.models import frames_along, z_along
 from condyn_pin.constraints.contacts.meetings import NEXT, REACH, ContactPoints, meetings
+from condyn_pin.constraints.contacts.seams import Piece
 from condyn_pin.constraints.contacts.shapes import Core, lengths_of
 from condyn_pin.constraints.contacts.touches import (
     BoundContact,
@@ -38,7 +39,6 @@ from condyn_pin.constraints.rows.cables import Lines
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.on_ground import Found
-    from condyn_pin.constraints.contacts.seams import Piece
 
 
 class Candidates:
@@ -477,8 +477,6 @@ def pieces_of(pairs: Sequence[Pair]) -> Iterator[tuple[Piece, ...]]:
 
     What is beside a piece counts where it meets the same other body.
     """
-    from condyn_pin.constraints.contacts.seams import Piece
-
     groups: dict[tuple[int, int], list[tuple[Core, Core]]] = {}
     for pair in pairs:
         cores = pair.shape.placed(pair.placement), pair.ground_shape.placed(pair.ground_placement)

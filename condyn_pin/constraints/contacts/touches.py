@@ -7,19 +7,17 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from condyn_pin._core._pin import placements_view
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.constraint import Patch
+from condyn_pin.constraints.contacts.ground import Surface
 from condyn_pin.constraints.contacts.meetings import most_meetings, most_on_ground
 from condyn_pin.constraints.contacts.shapes import Core
 from condyn_pin.constraints.rows.cables import Line
-
-if TYPE_CHECKING:
-    from condyn_pin.constraints.contacts.ground import Surface
 
 
 class PlaneContact(NamedTuple):
