@@ -19,6 +19,7 @@ placements and rows of one model, which has its equations.
     does it follow a path, and where is it at t    is_rheonomic, at                it does not
     the same with c' = J v wherever c is           bind_to_drive                   refused
     the same by points, or as a planar pin         by_points, as_planar_pin        none
+    which joint it is the cut of                   cut_joints                      none
     the same with other names                      renamed                         by its fields
     the same in other units                        in_units, lengths, unitless     by its fields
     how MuJoCo has it                              in_mjcf, write_mjcf             it has not
@@ -252,6 +253,11 @@ class Constraint(GivenFields, ABC):
     def as_planar_pin(self, frame: str) -> Constraint | None:
         """Return a ball without its row along z of a `frame` at its first one; None for others."""
         return None
+
+    @property
+    def cut_joints(self) -> tuple[Any, ...]:
+        """Joints from its first frame to its second, each with coordinates; none by default."""
+        return ()
 
     def renamed(self, new: Callable[[str], str]) -> Constraint:
         """Return the constraint between frames and joints of new names, its own name too."""

@@ -26,6 +26,7 @@ from typing import Any, ClassVar, Final, Literal, get_args
 
 import numpy as np
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, text_of
 from condyn_pin.constraints.constraint import (
     Axis,
@@ -235,6 +236,11 @@ class Loop(BetweenFrames):
         return replace(self, frame_a=frame, kind="planar", axis="z")
 
     @property
+    def cut_joints(self) -> tuple[CutJoint, ...]:
+        """The joint that it is the cut of: two of a cylindrical or universal one."""
+        return _cut_joints(self)
+
+    @property
     def by_points_called(self) -> str:
         """Name of a hinge or a weld by points, in studies; empty for other kinds."""
         return {"hinge": "two points for hinges", "weld": "three points for welds"}.get(
@@ -320,3 +326,67 @@ class Cross:
     def _across(self, u: Array) -> Array:
         """Product e_i x u."""
         return cross(np.eye(3)[self.i], u)
+
+
+# The joint that a loop is the cut of, by its coordinates.
+
+
+@dataclass(frozen=True, eq=False)
+class CutJoint:
+    """One joint of those between frame a and frame b, of which a universal joint has two."""
+
+    name: str
+    kind: Literal["turn", "slide", "ball"]
+    e: Array  # unit vector that it turns about or slides along
+    f: Array  # its angle is by how much this direction across e is turned
+
+    @property
+    def is_ball(self) -> bool:
+        """True for a ball, whose coordinates are a quaternion."""
+        return self.kind == "ball"
+
+    @property
+    def turns(self) -> bool:
+        """True for a turn about e, whose coordinate is an angle."""
+        return self.kind == "turn"
+
+    @property
+    def axes(self) -> Array:
+        """Motion subspace (6, 1 or 3), linear first."""
+        if self.is_ball:
+            return np.vstack([np.zeros((3, 3)), np.eye(3)])
+        parts = (np.zeros(3), self.e) if self.turns else (self.e, np.zeros(3))
+        return np.concatenate(parts)[:, None]
+
+    def placed(self, value: float) -> Any:
+        """Placement of what follows a turn or a slide, in what is before."""
+        R = pin.exp3(value * self.e) if self.turns else np.eye(3)
+        return pin.SE3(R, np.zeros(3) if self.turns else value * self.e)
+
+    def value(self, M: Any) -> float:
+        """Coordinate at which what follows is placed at M, as far as it is by this joint."""
+        if self.kind == "slide":
+            return float(self.e @ M.translation)
+        turned = M.rotation @ self.f
+        return float(np.arctan2(self.e @ np.cross(self.f, turned), self.f @ turned))
+
+
+def _cut_joints(loop: Loop) -> tuple[CutJoint, ...]:
+    """Joints from frame a to frame b; none of kinds that are no joint with coordinates."""
+    name, axis = loop.name, loop.axis or "z"
+    e, other = (np.eye(3)["xyz".index(letter)] for letter in (axis[0], axis[-1]))
+    across = np.roll(e, 1)
+    if loop.kind == "universal":
+        return CutJoint(f"{name}_axis", "turn", e, other), CutJoint(
+            f"{name}_axis2", "turn", other, e
+        )
+    if loop.kind == "cylindrical":
+        return (
+            CutJoint(f"{name}_slide", "slide", e, across),
+            CutJoint(f"{name}_turn", "turn", e, across),
+        )
+    if loop.kind == "hinge":
+        return (CutJoint(name, "turn", e, across),)
+    if loop.kind == "slider":
+        return (CutJoint(name, "slide", e, across),)
+    return (CutJoint(name, "ball", e, across),) if loop.kind == "ball" else ()

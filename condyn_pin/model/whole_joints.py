@@ -31,7 +31,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, pi
 from types import MappingProxyType
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 
@@ -39,16 +39,13 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import dry_friction, pin, set_dry_friction
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.models import UNLIMITED, whole_data
-from condyn_pin.constraints.constraint import Constraint
-from condyn_pin.constraints.loop import Loop
+from condyn_pin.constraints.loop import CutJoint, Loop
 from condyn_pin.constraints.places import with_joint_names
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller import depth_first
 from condyn_pin.model.springs import Spring
 from condyn_pin.model.tree import one_coordinate
-
-WHOLE: Final = ("hinge", "slider", "cylindrical", "universal", "ball")
 
 
 @dataclass(frozen=True)
@@ -117,25 +114,23 @@ def with_whole_joints(
 
 def _loop_of(robot: Robot, given: str | Loop) -> Loop:
     """Loop of the robot by its name, or one that is given; InvalidArgument if it is no joint."""
-    loop: Constraint = with_joint_names(given, robot) if isinstance(given, Loop) else given  # type: ignore[assignment]
-    if isinstance(given, str):
-        known = {each.name: each for each in robot.loops}
-        if given not in known:
-            raise unknown_name("loop", given, known)
-        loop = known[given]
-    if not isinstance(loop, Loop) or loop.kind not in WHOLE:
+    known = {each.name: each for each in robot.loops}
+    if isinstance(given, str) and given not in known:
+        raise unknown_name("loop", given, known)
+    loop = known[given] if isinstance(given, str) else given
+    if not getattr(loop, "cut_joints", ()):
         raise InvalidArgument(
-            f"loops: {given!r} has no coordinate of its own: a Loop that is one of "
-            f"{', '.join(WHOLE)} is needed, or the name of one"
+            f"loops: {given!r} has no coordinate of its own: a Loop that is a hinge, slider, "
+            "cylindrical, universal or ball is needed, or the name of one"
         )
-    return loop
+    return with_joint_names(loop, robot)  # type: ignore[return-value]  # cuts of joints are loops
 
 
 class _Cut:
     """Joint of a loop, between one of its bodies and a piece of the other."""
 
     def __init__(self, robot: Robot, loop: Loop, settings: Settings) -> None:
-        self._loop, self._settings, self._steps = loop, settings, _steps(loop)
+        self._loop, self._settings, self._steps = loop, settings, loop.cut_joints
         ends = [robot.frame(frame) for frame in loop.frames]
         if ends[0][0] == ends[1][0]:
             raise InvalidModel(f"loop {loop.name!r}: both of its frames are on one body")
@@ -175,7 +170,7 @@ class _Cut:
         """Add the joints at the end of a model, and a piece as heavy as what is left there."""
         carrier, placement = self._ends[not self._forward]
         for step in self._steps if self._forward else self._steps[::-1]:
-            joint = step.joint(1.0 if self._forward else -1.0)
+            joint = _joint(step, 1.0 if self._forward else -1.0)
             carrier = _add(model, carrier, placement, joint, step.name, self._settings)
             placement = pin.SE3.Identity()
         model.appendBodyToJoint(
@@ -186,14 +181,16 @@ class _Cut:
         """Coordinates of the joints in the order of the tree; reads data.oMi."""
         c1, c2 = (data.oMi[i] * M for i, M in self._ends)
         M, values = c1.actInv(c2), list[float]()
-        if self._loop.kind == "ball":
+        if self._steps[0].is_ball:
             R = M.rotation if self._forward else M.rotation.T
             return np.array(pin.Quaternion(R).coeffs())
         for step in self._steps:
             values.append(step.value(M))
             M = step.placed(values[-1]).actInv(M)
         middle = 0.5 * (self._settings.lower + self._settings.upper)
-        if self._loop.kind == "hinge" and abs(middle) < UNLIMITED:  # the turn between its stops
+        if (
+            len(values) == 1 and self._steps[0].turns and abs(middle) < UNLIMITED
+        ):  # the turn between its stops
             values[0] -= 2 * pi * round((values[0] - middle) / (2 * pi))
         return np.array(values if self._forward else values[::-1])
 
@@ -205,60 +202,11 @@ class _Cut:
         return bool(least > tolerances.MOMENT * np.abs(I).max())
 
 
-_Kind = Literal["turn", "slide", "ball"]
-
-
-@dataclass(frozen=True, eq=False)
-class _Step:
-    """One joint of those between frame a and frame b, of which a universal joint has two."""
-
-    name: str
-    kind: _Kind
-    e: Array  # unit vector that it turns about or slides along
-    f: Array  # its angle is by how much this direction across e is turned
-
-    @property
-    def axes(self) -> Array:
-        """Motion subspace (6, 1 or 3), linear first."""
-        if self.kind == "ball":
-            return np.vstack([np.zeros((3, 3)), np.eye(3)])
-        parts = (np.zeros(3), self.e) if self.kind == "turn" else (self.e, np.zeros(3))
-        return np.concatenate(parts)[:, None]
-
-    def joint(self, sign: float) -> Any:
-        """Pinocchio's joint; with sign -1 the one from b to a with the same coordinate."""
-        if self.kind == "ball":
-            return pin.JointModelSpherical()
-        return one_coordinate(sign * self.e + 0.0, hinge=self.kind == "turn")
-
-    def placed(self, value: float) -> Any:
-        """Placement of what follows a turn or a slide, in what is before."""
-        turns = self.kind == "turn"
-        R = pin.exp3(value * self.e) if turns else np.eye(3)
-        return pin.SE3(R, np.zeros(3) if turns else value * self.e)
-
-    def value(self, M: Any) -> float:
-        """Coordinate at which what follows is placed at M, as far as it is by this joint."""
-        if self.kind == "slide":
-            return float(self.e @ M.translation)
-        turned = M.rotation @ self.f
-        return float(np.arctan2(self.e @ np.cross(self.f, turned), self.f @ turned))
-
-
-def _steps(loop: Loop) -> tuple[_Step, ...]:
-    """Joints from frame a to frame b."""
-    name, axis = loop.name, loop.axis or "z"
-    e, other = (np.eye(3)["xyz".index(letter)] for letter in (axis[0], axis[-1]))
-    across = np.roll(e, 1)
-    if loop.kind == "universal":
-        return _Step(f"{name}_axis", "turn", e, other), _Step(f"{name}_axis2", "turn", other, e)
-    if loop.kind == "cylindrical":
-        return (
-            _Step(f"{name}_slide", "slide", e, across),
-            _Step(f"{name}_turn", "turn", e, across),
-        )
-    kinds: dict[str, _Kind] = {"hinge": "turn", "slider": "slide", "ball": "ball"}
-    return (_Step(name, kinds[loop.kind], e, across),)
+def _joint(step: CutJoint, sign: float) -> Any:
+    """Pinocchio's joint; with sign -1 the one from b to a with the same coordinate."""
+    if step.is_ball:
+        return pin.JointModelSpherical()
+    return one_coordinate(sign * step.e + 0.0, hinge=step.turns)
 
 
 def _add(model: Any, carrier: int, placement: Any, joint: Any, name: str, its: Settings) -> int:
