@@ -82,7 +82,7 @@ class SecondOrder:
         """Return x, and its answer; the rows that contradict each other where there is none."""
         program = weighted(given, levels[0])
         path, steps = list[str](), 0
-        if self._last is not None:
+        if self._last is not None and len(self._last.x) == len(program.g):
             found = self._steps(program, self._last, costs, _FROM_LAST)
             path, steps = ["last cones", *found.path], found.iterations
             if found.solved:

@@ -200,8 +200,8 @@ def lie_bracket(scene: Scene, X: Field, Y: Field, q: ArrayLike) -> Array:
 
     Returns
     -------
-    bracket : (nv,) array
-        By differences of order 4 [product of the units of X and Y].
+    Z : (nv,) array
+        By differences of order 4 [m/s^2, rad/s^2].
 
     Raises
     ------

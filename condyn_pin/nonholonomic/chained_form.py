@@ -9,7 +9,7 @@ With (x, y) the place of the last axle, y is a function of x along the path of a
 Everything is in these derivatives. With theta the heading of an axle, kappa the curvature of its
 path and s its length, an axle that is drawn by the one ahead, at the distance L, has
 
-    tan(theta) = dy/dx,  kappa = d theta / ds,  tan(delta) = L kappa,  ds / ds_ahead = cos(delta)
+    tan(theta) = dy/dx,    kappa = dtheta/ds,    tan(delta) = L kappa,    ds / ds_ahead = cos(delta)
 
 where delta is the angle from its own heading to that of the axle ahead; for the front axle of a car
 it is the angle of steering. So each axle ahead takes one derivative more: Taylor's series in x say

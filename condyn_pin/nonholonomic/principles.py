@@ -209,7 +209,7 @@ class ReducedTerms(NamedTuple):
     connection : (d,) array
         Torque of the connection, -H^T K^T mu [N m, N].
     H : (nv, d) array
-        Velocities of all joints by those of the base, v = H w [1, m/rad, rad/m].
+        Velocities of all joints that those of the base lead to, v = H w [1, m, 1/m].
     """
 
     M: Array
@@ -343,8 +343,8 @@ class ChaplyginReduction:
         def slope(t: float, q: Array, w: Array) -> tuple[Array, Array]:
             M, h, connection, H = self._terms(q, w, of)
             v = H @ w
-            forces = H.T @ system.torque(t, q, v) + connection - h
-            return v, np.asarray(np.linalg.solve(M, forces))
+            left = H.T @ system.torque(t, q, v) + connection - h
+            return v, np.asarray(np.linalg.solve(M, left))
 
         t, found_q, v, found_w = _motion(self.scene, slope, q_, w_, duration, dt)
         return ReducedMotion(self.scene, t, found_q, v, found_w)
@@ -419,8 +419,9 @@ class ChaplyginReduction:
 def _invariants(equations: Equations, q: Array, v: Array) -> tuple[Array, Array]:
     """M with h, and the projector on what rows leave: both of v (nv,)."""
     terms = equations.terms(q, v)
-    energy = np.append(terms.M.ravel(), terms.h)
-    return energy, np.asarray(np.linalg.pinv(terms.J, rcond=tolerances.RANK) @ terms.J)
+    energy: Array = np.append(terms.M.ravel(), terms.h)
+    projector: Array = np.asarray(np.linalg.pinv(terms.J, rcond=tolerances.RANK) @ terms.J)
+    return energy, projector
 
 
 # Both: how motions begin, and their steps.

@@ -146,7 +146,7 @@ class SteeringPlan:
         return Scene(scene.robot, [*scene.constraints, *drives])
 
     def state(self) -> tuple[Array, Array]:
-        """Return q (nq,) and v (nv,) at the beginning: at rest, other joints neutral."""
+        """Return q (nq,) and v (nv,) at the beginning: at rest, other joints as in neutral q."""
         return self.form.to_joints(self.start), np.zeros(self.form.scene.robot.nv)
 
     def __add__(self, other: SteeringPlan) -> SteeringPlan:
@@ -221,7 +221,7 @@ def steer_by_sinusoids(
     ----------
     form : ChainedForm
     start, goal : (nq,) array_like
-        Configurations [rad, m]; joints that are not of the form do not count.
+        Configurations [m, rad]; joints that are not of the form do not count.
     ahead : float
         How far it drives ahead, and back, in each period [m]; backwards if negative. The angles of
         period k go with ahead^-k: a longer drive bends less.
@@ -290,8 +290,8 @@ def steer_by_polynomials(
     ----------
     form : ChainedForm
     start, goal : (nq,) array_like
-        Configurations [rad, m] at different x of the last axle; joints that are not of the form
-        do not count.
+        Configurations [m, rad] at different x of the last axle; joints that are not of the form do
+        not count.
     duration : float
         Of the plan [s].
 
