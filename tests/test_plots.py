@@ -185,7 +185,7 @@ def test_a_picture_of_several_scenes_has_one_legend(tmp_path, monkeypatch):
     assert all(ax.get_legend() is None for ax in figure.axes)
     words = [text.get_text() for text in legend.get_texts()]
     assert len(set(words)) == len(words)
-    assert {"Null space", "Pareto front", "status ok promises"} <= set(words)
+    assert {"Null space", "Pareto front", "limit of status ok"} <= set(words)
 
 
 def test_the_overview_counts_what_the_file_says():
