@@ -463,7 +463,7 @@ def test_the_picture_has_a_line_a_method_the_front_and_both_floors():
     assert list(lines["Pareto front"].get_ydata()) == [1e-3, 1e-9, 1e-14]
     assert list(lines["Proximal"].get_xdata()) == [2.0, 3.0]
     assert lines["rounding"].get_ydata()[0] == np.finfo(float).eps
-    assert lines["floor of Reference"].get_ydata()[0] == 3e-14
+    assert lines["error of Reference"].get_ydata()[0] == 3e-14
     assert "Dense KKT: singular" in lines
     assert (ax.get_xscale(), ax.get_yscale()) == ("log", "log")
     assert table().plot(ax=ax) is ax
