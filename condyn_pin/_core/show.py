@@ -169,16 +169,18 @@ def _is_number(text: str) -> bool:
 # On a terminal.
 
 _ALL_COLUMNS: Final = 10_000  # columns: more than any table has
+_COLUMNS: Final = 100  # of a line in a file
 _TEXT: Final = 20  # a cell that is longer is a text, and may be folded
 
 
 def print_whole(table: Table, console: Console) -> None:
-    """Print a table without cut cells; wide tables have long lines."""
-    # On a terminal that is too narrow, the frame is left out, and headings and texts are folded:
-    # numbers are never broken.
+    """Print a table without cut cells; beyond the terminal, or 100 columns, without its frame."""
+    # On a terminal that is too narrow texts are folded too; elsewhere, in a file, lines stay whole.
+    # Numbers are never broken.
     options = console.options.update(max_width=_ALL_COLUMNS)
     least, most = console.measure(table, options=options)
-    if console.is_terminal and most > console.width:
+    room = console.width if console.is_terminal else _COLUMNS
+    if most > room:
         table.box, table.padding, table.pad_edge = None, (0, 1, 0, 0), False
         for column in table.columns:
             column.overflow = "fold"
@@ -188,7 +190,8 @@ def print_whole(table: Table, console: Console) -> None:
                 longest = max(longest, *map(len, words))
                 column.header, column.width = fill(" ".join(words), longest), longest
         least, most = console.measure(table, options=options)
-        most = min(max(console.width, least), most)
+        if console.is_terminal:
+            most = min(max(room, least), most)
     table.width = most
     console.print(table, crop=False)
 

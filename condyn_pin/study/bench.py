@@ -352,7 +352,7 @@ class BenchTable(Measurements[BenchRow]):
         ("a / bare", lambda r: number(r.to_bare, ".2f")),
         ("solve / bare", lambda r: number(r.solve_to_bare, ".2f")),
         ("x dense", lambda r: number(r.to_dense, ".2f")),
-        ("error of a", lambda r: number(r.error, ".0e")),
+        ("error of a", lambda r: number(r.error if isfinite(r.error) else nan, ".0e")),
         ("it.", lambda r: str(r.iterations or "")),
         ("status", lambda r: r.status),
     )

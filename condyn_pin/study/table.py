@@ -82,9 +82,9 @@ def print_bench(table: BenchTable, console: Console) -> None:
     machine = table.machine
     console.print(
         "bare: Pinocchio's call; a: Workspace.acceleration, median and p95; solve: with its errors "
-        "[us].\nx dense: times faster than the fastest of dense KKT and what is by hand; by hand: "
-        "Pinocchio and another's solver, without guard or proof. error of a: worst over the "
-        "states, against Reference, relative to the larger of |a| and gravity.\n"
+        "[us].\nx dense: times faster than the fastest of dense KKT and the solvers by hand.\n"
+        "by hand: Pinocchio's terms and another's solver, without guard or proof.\n"
+        "error of a: worst over the states, relative to the larger of |a| and gravity.\n"
         f"{machine['processor']}, Pinocchio {machine['pinocchio']}, one thread.",
         highlight=False,
         markup=False,
@@ -92,8 +92,8 @@ def print_bench(table: BenchTable, console: Console) -> None:
     )
     if "C++ compiler" in machine:
         console.print(
-            "C++: all states in a call, without Python in between, time of one; the settings are "
-            "those of Python. x dense: against the fastest that is dense in C++.\n"
+            "C++: all states in a call, without Python in between, time of one.\n"
+            "x dense: against the fastest that is dense in C++.\n"
             f"{machine['C++ compiler']}, headers of {machine['C++ headers']}.",
             highlight=False,
             markup=False,

@@ -277,7 +277,7 @@ def save_overview(found: Sequence[Map], path: str | Path, note: str) -> None:
     figure, (ax,) = panels(1, width=7.2, height=0.9 + 0.19 * len(found), columns=1)
     overview(found, ax)
     figure.supxlabel(
-        f"{note}severities answered rightly, of all; the rest was refused, or inaccurate by its status",
+        f"{note}severities answered rightly, of all; the others were refused or inaccurate",
         fontsize=8,
     )
     write_figure(figure, path, dpi=130)
