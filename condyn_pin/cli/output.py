@@ -27,7 +27,7 @@ INTERRUPTED: Final = 130
 Report = Callable[[str, int, int], None]
 _Found = TypeVar("_Found")
 
-_PAPER: Final = 118  # columns of a file
+_PAPER: Final = 100  # columns of a file
 
 
 # Patterns of what errors and advice say of arguments in Python, and how a line says it.

@@ -291,14 +291,14 @@ def _random_state(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
 
 
 def solvers(as_json: arg.AsJson = False) -> None:
-    """List the solvers: what each takes, what it costs, when to use it, its parameters."""
+    """List the solvers: constraints, cost, use and parameters of each."""
     if as_json:
         print_json(solver_rows())
         return
 
     def facts(row: SolverRow) -> Table:
         lines = Table.grid(padding=(0, 2, 0, 0))
-        lines.add_row("takes", row.kinds)
+        lines.add_row("rows", row.kinds)
         lines.add_row("redundant", row.redundant)
         lines.add_row("cost", row.cost)
         lines.add_row("use", row.use)
