@@ -19,7 +19,6 @@ from . import viewing as viewing
 from ._core.rows import Native as Native
 from ._core.work import Processes as Processes
 from ._core.work import map_chunks as map_chunks
-from .constraints.contacts.cable import Cable as Cable
 from .constraints.contacts.frictional_contact import FrictionalContact as FrictionalContact
 from .constraints.contacts.ground import Ground as Ground
 from .constraints.drift import Baumgarte as Baumgarte

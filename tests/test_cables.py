@@ -11,7 +11,7 @@ from shared import relative
 from viewed import parts
 
 import condyn_pin as cp
-from condyn_pin.constraints import Driven, HeldJoint, Polynomial, TautCable
+from condyn_pin.constraints import Cable, Driven, HeldJoint, Polynomial, TautCable
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics.compiled import why_not_contacts
 from condyn_pin.simulation import DormandPrince
@@ -105,7 +105,7 @@ def test_atwoods_machine():
     a, T = (m1 - m2) * G / (m1 + m2), 2 * m1 * m2 * G / (m1 + m2)
     for scene in (
         cp.Scene(weights(m1, m2), [TautCable(over, 4.0, name="rope")]),
-        cp.Scene(weights(m1, m2), contacts=[cp.Cable(over, 4.0, name="rope")]),
+        cp.Scene(weights(m1, m2), contacts=[Cable(over, 4.0, name="rope")]),
     ):
         if not scene.contacts:
             found = cp.solve(scene, np.zeros(2), np.zeros(2), np.zeros(2))
@@ -123,7 +123,7 @@ def test_a_rope_goes_taut_without_a_rebound():
     m1, m2, rate = 3.0, 2.0, 1.5
     model = weights(m1, m2).model
     model.gravity.linear = np.zeros(3)
-    rope = cp.Cable(("a", "world + [0 0 2]", "b"), 4.0, name="rope")
+    rope = Cable(("a", "world + [0 0 2]", "b"), 4.0, name="rope")
     scene = cp.Scene(cp.Robot("without gravity", model), contacts=[rope])
     run = cp.simulate(
         scene, [0.3, 0.0], [-rate, 0.0], duration=0.5, dt=1e-2, integrator=EventDriven()
@@ -140,7 +140,7 @@ def test_a_ball_on_a_string_lets_it_go_slack(speed):
     """Where v^2 = g l sin(elevation): at the height (v0^2 - 2 g l) / 3 g above the pivot."""
     length = 0.5
     ball = weights(1.0, floating=True)
-    scene = cp.Scene(ball, contacts=[cp.Cable(("world", "a"), length, name="string")])
+    scene = cp.Scene(ball, contacts=[Cable(("world", "a"), length, name="string")])
     q, v = np.array([0.0, 0, -length, 0, 0, 0, 1]), np.array([speed, 0, 0, 0, 0, 0])
     run = cp.simulate(scene, q, v, duration=0.45, dt=2e-3, integrator=EventDriven())
     height = (speed**2 - 2 * G * length) / (3 * G)
@@ -155,7 +155,7 @@ def test_steps_keep_a_pendulum_on_its_string():
     q, v = np.array([0.4, 0, -0.3, 0, 0, 0, 1.0]), np.zeros(6)
     rod = cp.Scene(ball, [cp.Loop("a", "world", "rod", length=0.5)])
     exact = cp.simulate(rod, q, v, duration=0.5, integrator=DormandPrince(1e-10, 1e-10))
-    hung = cp.Scene(ball, contacts=[cp.Cable(("world", "a"), 0.5, name="string")])
+    hung = cp.Scene(ball, contacts=[Cable(("world", "a"), 0.5, name="string")])
     for scheme in (cp.StewartTrinkle(), cp.Moreau()):
         off = []
         for dt in (4e-3, 2e-3):
@@ -167,9 +167,7 @@ def test_steps_keep_a_pendulum_on_its_string():
 
 def test_a_strut_pushes_and_does_not_pull():
     body = weights(2.0)
-    scene = cp.Scene(
-        body, contacts=[cp.Cable(("world", "a"), at_least=0.5, at_most=0.8, name="leg")]
-    )
+    scene = cp.Scene(body, contacts=[Cable(("world", "a"), at_least=0.5, at_most=0.8, name="leg")])
     at = {0.5: ("leg/at least", 0.0), 0.6: ("", 0.0), 0.8: ("leg/at most", 60.0)}
     for z, (name, up) in at.items():
         step = cp.step(scene, [z], [0.0], [up], dt=1e-3)
@@ -188,7 +186,7 @@ def platform(count: int) -> cp.Scene:
     ends = [(f"world + [{2 * x} {2 * y} 3]", f"a + [{0.2 * x} {0.2 * y} 0]") for x, y in corners]
     ends += [(f"world + [{2 * x} {2 * y} 0]", f"a + [{0.2 * y} {0.2 * x} 0.1]") for x, y in corners]
     away = [float(np.sqrt(2 * 1.8**2 + 4.0))] * 4 + [3.5] * 4
-    cables = [cp.Cable(e, x, name=f"c{i}") for i, (e, x) in enumerate(zip(ends, away, strict=True))]
+    cables = [Cable(e, x, name=f"c{i}") for i, (e, x) in enumerate(zip(ends, away, strict=True))]
     return cp.Scene(plate, contacts=cables[:count])
 
 
@@ -216,7 +214,7 @@ def test_a_plate_off_its_middle_hangs_on_some_of_them():
     x, mass = np.array([0.3, 0.0]), 5.0
     body = weights(mass, floating=True)
     cables = [
-        cp.Cable((f"world + [{e[0]} 0 {e[1]}]", "a"), float(np.linalg.norm(e - x)) + (i > 1) * 0.1,
+        Cable((f"world + [{e[0]} 0 {e[1]}]", "a"), float(np.linalg.norm(e - x)) + (i > 1) * 0.1,
                  name=f"c{i}")
         for i, e in enumerate(ends)
     ]  # fmt: skip
@@ -239,7 +237,7 @@ def hoist() -> cp.Scene:
     j = model.addJoint(0, pin.JointModelRX(), pin.SE3(np.eye(3), np.array([0, 0, 2.0])), "winch")
     drum = pin.Inertia.FromCylinder(2.0, 0.1, 0.1)
     model.appendBodyToJoint(j, drum, pin.SE3.Identity())
-    rope = cp.Cable(("weight", "winch"), 2.0, reels={"winch": 0.1}, name="rope")
+    rope = Cable(("weight", "winch"), 2.0, reels={"winch": 0.1}, name="rope")
     return cp.Scene(cp.Robot("hoist", model), contacts=[rope])
 
 
@@ -298,7 +296,7 @@ def test_a_driven_taut_cable_is_a_winch():
 @pytest.mark.parametrize("c", TAUT, ids=lambda c: c.name)
 def test_a_step_is_differentiated(machine, c):
     """It goes taut within the step, over moving bodies and a reel: by differences."""
-    cable = cp.Cable(c.through, c.length + 1e-4, reels=c.reels, name=c.name)
+    cable = Cable(c.through, c.length + 1e-4, reels=c.reels, name=c.name)
     rng = np.random.default_rng(5)
     taut = cp.Scene(machine, [c])
     q, v = taut.sample(rng)
@@ -360,21 +358,21 @@ def test_what_refuses_them_says_their_name(hoist):
     with pytest.raises(cp.CondynError, match=r"rope.*has reels"):
         hoist.robot.to_mjcf(contacts=hoist.contacts)
     with pytest.raises(cp.CondynError, match="leg: it has two lengths"):
-        cp.Scene(weights(1.0), contacts=[cp.Cable(("world", "a"), 1.0, 0.5, name="leg")]).closed()
+        cp.Scene(weights(1.0), contacts=[Cable(("world", "a"), 1.0, 0.5, name="leg")]).closed()
     with pytest.raises(cp.CondynError, match="one body"):
-        cp.Scene(weights(1.0), contacts=[cp.Cable(("a", "a + [0 0 1]"), 1.0)])
+        cp.Scene(weights(1.0), contacts=[Cable(("a", "a + [0 0 1]"), 1.0)])
 
 
 BAD = {
-    "through = 'a'": lambda: cp.Cable("a", 1.0),
-    "at_most, at_least: one of them": lambda: cp.Cable(("a", "b")),
-    r"at_most = -1.0: a positive length": lambda: cp.Cable(("a", "b"), -1.0),
-    "at_least = 2: it is above at_most = 1": lambda: cp.Cable(("a", "b"), 1.0, 2.0),
-    r"a length that changes in time.*reels=.*Driven": lambda: cp.Cable(
+    "through = 'a'": lambda: Cable("a", 1.0),
+    "at_most, at_least: one of them": lambda: Cable(("a", "b")),
+    r"at_most = -1.0: a positive length": lambda: Cable(("a", "b"), -1.0),
+    "at_least = 2: it is above at_most = 1": lambda: Cable(("a", "b"), 1.0, 2.0),
+    r"a length that changes in time.*reels=.*Driven": lambda: Cable(
         ("a", "b"), Polynomial((1.0, 0.1))
     ),
-    "reels = 3": lambda: cp.Cable(("a", "b"), 1.0, reels=3),
-    "reels .*nan": lambda: cp.Cable(("a", "b"), 1.0, reels={"w": float("nan")}),
+    "reels = 3": lambda: Cable(("a", "b"), 1.0, reels=3),
+    "reels .*nan": lambda: Cable(("a", "b"), 1.0, reels={"w": float("nan")}),
 }
 
 

@@ -281,7 +281,7 @@ def test_cable():
         j = model.addJoint(0, kind, pin.SE3.Identity(), name)
         model.appendBodyToJoint(j, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
     over = ("load", "world + [0.3 0 2]", "world + [1 0 0]")
-    rope = cp.Cable(over, 5.0, reels={"winch": 0.2}, name="rope")
+    rope = cp.constraints.Cable(over, 5.0, reels={"winch": 0.2}, name="rope")
     gap = cp.dynamics.contact_gaps(cp.Scene(cp.Robot("hoist", model), contacts=[rope]), [0.5, 0.7])
     spans = np.linalg.norm([0.3, 1.5]) + np.linalg.norm([0.7, 2.0])
     close(gap["rope"], 5.0 + 0.2 * 0.7 - spans)
