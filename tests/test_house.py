@@ -152,6 +152,7 @@ def test_residuals_are_those_of_the_equations():
 UPWARDS = {
     ("condyn_pin.stepping.single_step", "condyn_pin.gradients.routes.step_derivatives"),
     ("condyn_pin.dynamics.solvers.soft", "condyn_pin.io.mjcf_write"),
+    ("condyn_pin.constraints.contacts.ground", "condyn_pin.io.meshes"),
 }
 
 # Rooms and files that import in turn when they are asked, and names of registries that fill then.
