@@ -168,6 +168,19 @@ def test_a_box_on_a_step_tips_when_its_middle_is_beyond_the_edge():
     assert falls.v[10, 4] == pytest.approx(0.01 * a, rel=2e-2)
 
 
+def test_a_plate_across_an_edge_is_held_at_both_ends_of_it():
+    ledge = Ground.boxes([((0.2, 1.0, 0.2), (0.0, -0.5, -0.1))])  # its edge y = z = 0, 0.2 long
+    scene, tilt = on(ledge, Box(0.08, 0.1, 0.005)), 1e-3
+    model = scene.robot.model
+    data, candidates = model.createData(), Candidates(model, scene.contact_bounds)
+    R = pin.rpy.rpyToMatrix(-0.5, 0.0, 0.0) @ pin.rpy.rpyToMatrix(0.0, tilt, 0.0)
+    pin.computeJointJacobians(model, data, pin.SE3ToXYZQUAT(pin.SE3(R, 0.00508 * R[:, 2])))
+    gaps = np.sort(candidates.gaps(data, pin.neutral(model)))
+    assert np.isfinite(gaps).sum() == 2
+    assert gaps[1] - gaps[0] == pytest.approx(0.16 * tilt, rel=1e-3)
+    assert 0.5 * (gaps[0] + gaps[1]) == pytest.approx(8e-5, rel=1e-2)
+
+
 @pytest.mark.parametrize(
     ("along", "speed"),
     [((0.5, 0.0, 0.0), -10.0), ((0.5, 0.0, 0.0), -5.0)],

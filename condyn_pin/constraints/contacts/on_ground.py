@@ -41,7 +41,8 @@ _DEEPER: Final = 1e-5
 # How deep a contact of a part that is not convex may be: walls of meshes are thicker [m].
 _DEEPEST: Final = 5e-3
 
-# Sines up to which a normal is still one of those of an edge or a corner.
+# Sines up to which a normal is still one of those of an edge or a corner. Of flat contacts all
+# places count that are next to touch: there it is `NEXT`.
 _BESIDE: Final = 1e-9
 
 # Corners beside corners or edges have a normal from this distance on [m].
@@ -406,9 +407,9 @@ def _at(keys: Indices, values: Array, wanted: Indices) -> Array:
     return np.where(keys[place] == wanted, values[place], -np.inf)
 
 
-def _allowed_at_edges(n: Array, into: Array) -> NDArray[np.bool_]:
+def _allowed_at_edges(n: Array, into: Array, beside: float = _BESIDE) -> NDArray[np.bool_]:
     """Flag of each normal (k, 3): an edge with the directions `into` (k, 2, 3) its faces has it."""
-    return np.asarray((np.matmul(into, n[:, :, None])[:, :, 0] <= _BESIDE).all(axis=1))
+    return np.asarray((np.matmul(into, n[:, :, None])[:, :, 0] <= beside).all(axis=1))
 
 
 def _across_edges(
@@ -456,7 +457,7 @@ def _at_crossings(
     along = lengths_of(d)[1], lengths_of(e)[1]
     part = surface.part_of[1][on]
     found = _found(of, gaps, x - r[:, None] * n, n, part, (EDGE, EDGE), *along)
-    kept = _allowed_at_edges(n, surface.into[on]) & (gaps <= reach)
+    kept = _allowed_at_edges(n, surface.into[on], NEXT) & (gaps <= reach)
     return separation.without_deeper(found.taken(kept), surface.faces_of_edges[on[kept]])
 
 
@@ -518,9 +519,8 @@ def _crossing(
         d, n = surface.along[e].dot(R), surface.ends_of_arcs[e].dot(R)  # in the axes of the shape
         sides = bone.normals.dot(d.T)  # (faces, e)
         one, two = bone.beside.T
-        i, j = np.nonzero(sides[one] * sides[two] <= _BESIDE)
-        ends = (bone.along[i, None] * n[j]).sum(axis=2)
-        kept = ends[:, 0] * ends[:, 1] <= _BESIDE
+        i, j = np.nonzero(_may_cross(sides[one], sides[two]))
+        kept = _may_cross(*(bone.along[i, None] * n[j]).sum(axis=2).T)
         i, j = i[kept], j[kept]
         across, _ = unit_cross(bone.along[i], d[j])
         across = (
@@ -530,6 +530,11 @@ def _crossing(
         i, j = i[kept], j[kept]
     a = P[bone.ends[i, 0]]
     return np.full(len(i), s), e[j], a, P[bone.ends[i, 1]] - a
+
+
+def _may_cross(one: Array, two: Array) -> NDArray[np.bool_]:
+    """Flag of each arc with these sines at its ends: it crosses zero, or one next to it does."""
+    return np.asarray((one * two <= 0.0) | (np.minimum(np.abs(one), np.abs(two)) <= NEXT))
 
 
 def _on_rims(
@@ -582,7 +587,8 @@ def _at_corners(
             c = corners[its][here]
             x, of = surface.corners[c] + height[:, None] * n, np.full(len(c), s)
             contacts = _found(of, height, x, n, surface.part_of[2][c], (kind, CORNER), along)
-            leaves = np.matmul(surface.leaving[c], n[:, :, None]) <= _BESIDE
+            beside = NEXT if kind == FACE else _BESIDE
+            leaves = np.matmul(surface.leaving[c], n[:, :, None]) <= beside
             kept = leaves.all(axis=(1, 2)) & (height <= reach) & (height >= -_DEEPEST)
             found.append(contacts.taken(kept))
     return found
