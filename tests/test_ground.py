@@ -313,6 +313,17 @@ def test_go2_lands_on_stairs():
     assert len(loaded) >= 2
 
 
+def test_bodies_that_pass_through_a_ground_are_named_with_the_cure():
+    solo = cp.load_robot("solo12")
+    steps = Ground.stairs(4, 0.05, 0.4, 1.0, at=(-0.4, 0.0, 0.0)) + Ground.plane(height=-0.5)
+    feet = ["FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"]
+    scene = cp.Scene(solo, contacts=solo.collisions(0.7, ground=steps, shapes=feet))
+    run = cp.simulate(scene, *scene.state(), duration=0.35, dt=5e-3)
+    said = [each for each in run.notices if "is in the ground of the scene" in each]
+    assert said, run.notices
+    assert "robot.collisions(friction=0.7, ground=..., shapes=[" in said[0]
+
+
 @pytest.mark.parametrize("name", ["ball", "capsule", "box", "stone"])
 def test_derivatives_of_a_step_on_an_edge_are_its_differences(name):
     ledge, h = Ground.boxes([((1.0, 1.0, 0.2), (-0.5, 0.0, -0.1))]), 1e-7
