@@ -3,7 +3,8 @@
     sphere, box, capsule, cylinder, ellipsoid      the shape itself
     mesh                                           its convex hull
 
-A plane touches of a mesh what it touches of the hull, so that nothing is lost over planes.
+A plane touches of a mesh what it touches of the hull, so that nothing is lost over planes. Between
+the shapes of one robot cylinders are prisms, and what a mesh leaves hollow is filled.
 """
 
 from __future__ import annotations
