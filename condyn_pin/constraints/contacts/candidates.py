@@ -24,7 +24,7 @@ from condyn_pin._core.arrays import Array, Indices, read_only
 from condyn_pin._core.models import frames_along, z_along
 from condyn_pin.constraints.contacts.meetings import NEXT, REACH, ContactPoints, meetings
 from condyn_pin.constraints.contacts.seams import Piece
-from condyn_pin.constraints.contacts.shapes import Core, lengths_of
+from condyn_pin.constraints.contacts.shapes import Core, Indices, lengths_of
 from condyn_pin.constraints.contacts.touches import (
     BoundContact,
     GroundContacts,
@@ -267,11 +267,11 @@ class Pairs:
 
     def __init__(self, model: Any, pairs: Sequence[Pair], *, exact: bool = False) -> None:
         self._pairs = tuple(pairs)
-        self._on_grounds = on_grounds(pairs, exact=exact)
         self._between = [i for i, pair in enumerate(pairs) if pair.surface is None]
         self._counts = [pair.points for pair in pairs]
         self._starts = [0, *accumulate(self._counts)]
         self.size = self._starts[-1]
+        self._on_grounds = on_grounds(pairs, self._starts, exact=exact)
         shapes: dict[int, tuple[Any, Any]] = {}
         self._exact, self._distances = exact, [Distance(pair, shapes) for pair in pairs]
         self._pieces = [()] * len(pairs) if exact else [*pieces_of(pairs)]
@@ -315,7 +315,7 @@ class Pairs:
     def features(self, data: Any) -> dict[int, Found]:
         """Features that meet, of each pair with a ground; by the number of the pair."""
         self._evaluated(data)
-        return {i: its for shapes in self._on_grounds for i, its in shapes.found.items()}
+        return {i: its for shapes in self._on_grounds for i, its in shapes.features}
 
     def jacobian(self, data: Any) -> Array:
         """Return the rows t1, t2, n of each place (3 k, nv); reads data.oMi and data.J."""
@@ -342,9 +342,8 @@ class Pairs:
                 )
                 gaps[first:last], points[first:last], n[first:last] = filled
             for shapes in self._on_grounds:
-                for i, on in shapes.evaluate(data).items():
-                    here = slice(self._starts[i], self._starts[i] + len(on.gaps))
-                    gaps[here], points[here], n[here] = on.gaps, on.points, on.normals
+                here, on = shapes.evaluate(data)
+                gaps[here], points[here], n[here] = on.gaps, on.points, on.normals
             self._found = gaps, points, frames_along(n)
             self._at[:] = now
         return self._found
@@ -390,11 +389,15 @@ class ShapesOnGround:
 
     Attributes
     ----------
-    found : dict of int to Found
-        Contacts of each pair in the last evaluation, by its number.
+    found : Found
+        Contacts of the last evaluation.
     """
 
-    def __init__(self, pairs: Sequence[Pair], its: Sequence[int], *, exact: bool) -> None:
+    found: Found
+
+    def __init__(
+        self, pairs: Sequence[Pair], its: Sequence[int], starts: Sequence[int], *, exact: bool
+    ) -> None:
         from condyn_pin.constraints.contacts.on_ground import OnGround
 
         self._its, self._exact, mine = its, exact, [pairs[i] for i in its]
@@ -403,26 +406,34 @@ class ShapesOnGround:
         self._joints = [pair.joint for pair in mine]
         self._R = np.array([pair.placement.rotation for pair in mine])
         self._p = np.array([pair.placement.translation for pair in mine])
-        self.found: dict[int, Found] = {}
+        self._starts = np.array([starts[i] for i in its])
 
-    def evaluate(self, data: Any) -> dict[int, Found]:
-        """Contacts of each pair, by its number; reads data.oMi."""
+    @property
+    def features(self) -> Iterator[tuple[int, Found]]:
+        """Number of each pair, and its contacts in the last evaluation."""
+        for k, i in enumerate(self._its):
+            yield i, self.found.taken(self.found.of == k)
+
+    def evaluate(self, data: Any) -> tuple[Indices, Found]:
+        """Places of the contacts among those of all pairs, and the contacts; reads data.oMi."""
         at = {j: data.oMi[j] for j in {*self._joints}}
         R = np.array([at[j].rotation for j in self._joints])
         p = np.array([at[j].translation for j in self._joints])
         placed = R @ self._R, np.matmul(R, self._p[:, :, None])[:, :, 0] + p
-        found = (self._contacts.far if self._exact else self._contacts.near)(*placed)
-        self.found = dict(zip(self._its, found, strict=True))
-        return self.found
+        self.found = (self._contacts.far if self._exact else self._contacts.near)(*placed)
+        of = self.found.of
+        return self._starts[of] + np.arange(len(of)) - np.searchsorted(of, of), self.found
 
 
-def on_grounds(pairs: Sequence[Pair], *, exact: bool) -> list[ShapesOnGround]:
+def on_grounds(
+    pairs: Sequence[Pair], starts: Sequence[int], *, exact: bool
+) -> list[ShapesOnGround]:
     """Shapes on each ground of some pairs."""
     groups: dict[int, list[int]] = {}
     for i, pair in enumerate(pairs):
         if pair.surface is not None:
             groups.setdefault(id(pair.surface), []).append(i)
-    return [ShapesOnGround(pairs, its, exact=exact) for its in groups.values()]
+    return [ShapesOnGround(pairs, its, starts, exact=exact) for its in groups.values()]
 
 
 class Distance:

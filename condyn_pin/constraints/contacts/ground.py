@@ -299,6 +299,8 @@ class Surface:
         A point of its plane is on a face if side . x <= end + beyond for all four [m].
     beyond : (f, 4) array
         How far a face goes on: not at all, or `HOLLOW` behind a hollow edge [m].
+    limits : (f, 4) array
+        Where a face ends so, with rounding [m].
     neighbours : (f, 4) int array
         The faces over its convex edges; -1 for none.
     edges : (e, 2, 3) array
@@ -329,6 +331,8 @@ class Surface:
     ) -> None:  # fmt: skip
         self.normals, self.heights, self.sides, self.ends, self.beyond, self.neighbours = faces
         self.edges, self.into, self.faces_of_edges = edges
+        rounding = tolerances.ON_FACE * (1.0 + np.abs(self.ends))
+        self.limits = self.ends + self.beyond + rounding
         self.lengths, self.along = lengths_of(self.edges[:, 1] - self.edges[:, 0])
         n_1, n_2 = self.normals[self.faces_of_edges].transpose(1, 0, 2)
         is_rim = (self.into[:, 1] == -n_1).all(axis=1)

@@ -165,12 +165,12 @@ class OnGround:
         self._reach = np.nan
         self._pairs: list[tuple[Indices, Indices]] = []
 
-    def far(self, R: Array, p: Array) -> list[Found]:
+    def far(self, R: Array, p: Array) -> Found:
         """Contacts as `near` has them, from as far away as the nearest is."""
         reach, size = REACH, self._size(p)
         while True:
             found = self.near(R, p, reach)
-            if reach > size or all(len(its.of) for its in found):
+            if reach > size or len({*found.of.tolist()}) == len(self._bones):
                 return found
             reach *= 4.0
 
@@ -180,8 +180,8 @@ class OnGround:
         finite = np.abs(np.concatenate([low.ravel(), high.ravel(), p.ravel()]))
         return 4.0 * float(finite[np.isfinite(finite)].max(initial=1.0)) + 1.0
 
-    def near(self, R: Array, p: Array, reach: float = REACH) -> list[Found]:
-        """Contact points of each shape, at rotations R (s, 3, 3) and places p (s, 3) [m]."""
+    def near(self, R: Array, p: Array, reach: float = REACH) -> Found:
+        """Contacts of all shapes in turn, at rotations R (s, 3, 3) and places p (s, 3) [m]."""
         middles = np.matmul(R, self._middles[:, :, None])[:, :, 0] + p
         halves = np.matmul(np.abs(R), self._halves[:, :, None])[:, :, 0] + reach
         low, high = middles - halves, middles + halves
@@ -252,47 +252,52 @@ class OnGround:
             its = np.flatnonzero(found.part == part)
             x, n = on_ground[its], found.normals[its]
             low, high = x.min(axis=0) - 2 * WIDTH, x.max(axis=0) + 2 * WIDTH
-            touch = (lows[beside] <= high).all(axis=1) & (highs[beside] >= low).all(axis=1)
+            touch = ((lows[beside] <= high) & (highs[beside] >= low)).all(axis=1)
             for other in beside[touch].tolist():
                 solid = surface.solids[other]
                 assert solid is not None
                 hidden[its] |= is_hidden(x, n, WIDTH, surface.solids[part], solid)
         return found.taken(~hidden) if hidden.any() else found
 
-    def _chosen(self, found: Found) -> list[Found]:
-        """Contacts of each shape, each once, no more than it has places."""
-        ends = np.searchsorted(found.of, np.arange(len(self._bones) + 1)).tolist()
+    def _chosen(self, found: Found) -> Found:
+        """Contacts, each once, and of each shape no more than it has places."""
         places = np.concatenate([found.points, self._sizes[found.of][:, None] * found.normals], 1)
-        chosen = []
-        for (first, last), bone in zip(pairwise(ends), self._bones, strict=True):
-            its: Indices | slice = slice(first, last)
-            if last - first > 1:
-                its = first + _fewer(found.gaps[its], places[its], bone.places, bone.size)
-            chosen.append(found.taken(its))
-        return chosen
+        kept: list[int] = []
+        for s, its in _slices(found.of):
+            bone, first = self._bones[s], its.start
+            few = _fewer(found.gaps[its], places[its], bone.places, bone.size)
+            kept += [first + i for i in few]
+        return found.taken(np.array(kept, dtype=np.int_))
 
 
-def _fewer(gaps: Array, places: Array, most: int, size: float) -> Indices:
-    """Indices, each once, of the nearest contact and of those far apart or that look elsewhere."""
-    places = places - places[0]
-    squares = np.einsum("ij,ij->i", places, places)
-    apart = squares[:, None] + squares - 2.0 * places.dot(places.T)
-    apart = np.round(np.sqrt(np.maximum(apart, 0.0)), 7)
-    again = np.tril(apart <= tolerances.ONE_POINT * size, -1).any(axis=1)
-    if len(gaps) - again.sum() <= most:
-        return np.flatnonzero(~again)
-    heights, rows = np.round(gaps, 12).tolist(), apart.tolist()  # few: lists are faster
+def _fewer(gaps: Array, places: Array, most: int, size: float) -> list[int]:
+    """Numbers, each once, of the nearest contact and of those far apart or that look elsewhere."""
+    if len(gaps) == 1:
+        return [0]
+    off = places[:, None] - places
+    rows = np.round(np.sqrt(np.einsum("ijk,ijk->ij", off, off)), 9).tolist()  # few: lists are fast
+    left: list[int] = []
+    least = tolerances.ONE_POINT * size
+    for i, row in enumerate(rows):
+        if all(row[j] > least for j in left):
+            left.append(i)
+    if len(left) <= most:
+        return left
+    heights = np.round(gaps, 12).tolist()
     lowest = max(min(heights), 0.0)
-    costs = [_STEEP * max(height - lowest, 0.0) for height in heights]
-    left = np.flatnonzero(~again).tolist()
     kept = [min(left, key=heights.__getitem__)]
     left.remove(kept[0])
-    nearest = rows[kept[0]]
+    worth = {i: rows[kept[0]][i] for i in left}
+    costs = {i: _STEEP * max(heights[i] - lowest, 0.0) for i in left}
     while len(kept) < most:
-        kept.append(max(left, key=lambda i: nearest[i] - costs[i]))
-        left.remove(kept[-1])
-        nearest = list(map(min, nearest, rows[kept[-1]]))
-    return np.array(sorted(kept))
+        best = max(left, key=lambda i: worth[i] - costs[i])
+        kept.append(best)
+        left.remove(best)
+        row = rows[best]
+        for i in left:
+            if row[i] < worth[i]:
+                worth[i] = row[i]
+    return sorted(kept)
 
 
 # How much further apart contacts have to be that are higher, as a factor.
@@ -350,9 +355,7 @@ def _above_faces(
         return _found(*_none(), kind=(CORNER, FACE)), separation
     pair, x = np.concatenate(at), np.concatenate(points)
     f = faces[pair]
-    beside = np.matmul(surface.sides[f], x[:, :, None])[:, :, 0] - surface.ends[f]
-    size = tolerances.ON_FACE * (1.0 + np.abs(surface.ends[f]))
-    over = (beside <= surface.beyond[f] + size).all(axis=1)
+    over = (np.matmul(surface.sides[f], x[:, :, None])[:, :, 0] <= surface.limits[f]).all(axis=1)
     pair, x, f = pair[over], x[over], f[over]
     of, n = shapes[pair], surface.normals[f]
     radius = rooms.radii[of]
