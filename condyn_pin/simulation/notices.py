@@ -3,6 +3,8 @@
     out   = max(lower - q, q - upper) > 0          a joint without a stop
     depth = height - min_k n . (R x_k + p) > 0     corners x_k of a shape in ground n . x <= height
 
+and of the convex parts of a `Ground` the least depth under all their faces.
+
 Shapes are looked at where they are at some samples; those that cannot be read are passed over.
 """
 
@@ -115,6 +117,7 @@ class _Ground(NamedTuple):
     friction: float
     allowed: dict[int, float]  # by joint: how deep its shapes may be [m]
     apart: frozenset[str]  # bodies that do not touch it, by the description
+    surface: Any = None  # of a `Ground`
 
 
 class _Penetration(NamedTuple):
@@ -129,7 +132,7 @@ class _Penetration(NamedTuple):
 
 def bodies_passed(trajectory: Trajectory) -> list[str]:
     """Sentences on bodies whose collision shape of the file goes into the ground of the scene."""
-    if not any(_planes(phase.scene) for phase in trajectory.phases):
+    if not any(_planes(phase.scene) + _worlds(phase.scene) for phase in trajectory.phases):
         return []
     solids = _solids(trajectory.scene.robot)
     looks = np.unique(np.linspace(0, len(trajectory.t) - 1, _LEFT_OUT_SAMPLES).astype(int))
@@ -165,7 +168,7 @@ def _penetrating_bodies(
     trajectory: Trajectory, scene: Scene, looks: NDArray[np.int_], solids: tuple[_Solid, ...]
 ) -> list[_Penetration]:
     """Bodies that are in a plane of a scene at some samples, by more than they may be."""
-    planes = _planes(scene)
+    planes, worlds = _planes(scene), _worlds(scene)
     model = scene.robot.unedited
     data = data_of(model)
     found: dict[tuple[int, int], _Penetration] = {}
@@ -189,7 +192,34 @@ def _penetrating_bodies(
                 if depth > allowed and (before is None or depth > before.depth):
                     first = before.first if before else t
                     found[k, s] = _Penetration(solid, plane, depth, t, first)
+        for k, world in enumerate(worlds, start=len(planes)):
+            for s, solid in enumerate(solids):
+                if solid.link in world.apart:
+                    continue
+                depth = _depth(world.surface, solid, data.oMi[solid.joint])
+                before = found.get((k, s))
+                allowed = world.allowed.get(solid.joint, tolerances.IN_THE_GROUND)
+                if depth > allowed and (before is None or depth > before.depth):
+                    found[k, s] = _Penetration(
+                        solid, world, depth, t, before.first if before else t
+                    )
     return list(found.values())
+
+
+def _depth(surface: Any, solid: _Solid, at: Any) -> float:
+    """How deep the deepest corner of a solid is in the convex parts of a ground [m]."""
+    middle, (low, high) = at.act(solid.middle), surface.bounds
+    near = (low <= middle + solid.radius) & (high >= middle - solid.radius)
+    corners, deepest = None, 0.0
+    for part in np.flatnonzero(near.all(axis=1)).tolist():
+        if surface.solids[part] is None:
+            continue
+        n, heights, _ = surface.solids[part]
+        if (n.dot(middle) - heights).max() < solid.radius:
+            if corners is None:
+                corners = solid.corners.dot(at.rotation.T) + at.translation
+            deepest = max(deepest, -float((corners.dot(n.T) - heights).max(axis=1).min()))
+    return deepest
 
 
 def _planes(scene: Scene) -> list[_Ground]:
@@ -208,6 +238,22 @@ def _planes(scene: Scene) -> list[_Ground]:
                 apart = _excluded_bodies(scene.robot, touch.ground)
                 found[key] = _Ground(*words, touch.ground, plane, touch.friction, {}, apart)
             found[key].allowed[touch.joint] = tolerances.FEET_IN_THE_GROUND
+    return list(found.values())
+
+
+def _worlds(scene: Scene) -> list[_Ground]:
+    """Grounds of the contacts of a scene that are no planes, each once."""
+    found: dict[int, _Ground] = {}
+    for bound in scene.contact_bounds:
+        for pair in bound.pairs:
+            if pair.surface is not None:
+                apart = _excluded_bodies(scene.robot, 0)
+                world = found.setdefault(
+                    id(pair.surface),
+                    _Ground("of the scene", ", ground=...", 0, None, pair.friction, {}, apart,
+                            pair.surface),
+                )  # fmt: skip
+                world.allowed[pair.joint] = tolerances.FEET_IN_THE_GROUND
     return list(found.values())
 
 

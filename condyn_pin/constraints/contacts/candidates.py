@@ -24,7 +24,7 @@ from condyn_pin._core.arrays import Array, Indices, read_only
 from condyn_pin._core.models import frames_along, z_along
 from condyn_pin.constraints.contacts.meetings import NEXT, REACH, ContactPoints, meetings
 from condyn_pin.constraints.contacts.seams import Piece
-from condyn_pin.constraints.contacts.shapes import Core, Indices, lengths_of
+from condyn_pin.constraints.contacts.shapes import Core, lengths_of
 from condyn_pin.constraints.contacts.touches import (
     BoundContact,
     GroundContacts,

@@ -25,10 +25,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, finite, finite_rows, text_of
+from condyn_pin._core.arrays import Array, Indices, finite, finite_rows, text_of
 from condyn_pin.constraints.constraint import Vector3, check_positive, floats
 from condyn_pin.constraints.contacts.seams import WIDTH, Solid, is_hidden
-from condyn_pin.constraints.contacts.shapes import Indices, Plane, box_core, lengths_of
+from condyn_pin.constraints.contacts.shapes import Plane, box_core, lengths_of
 from condyn_pin.errors import InvalidArgument
 
 # How far a face goes on behind a hollow edge, into the solid: a corner that is in a wall by less

@@ -26,11 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.contacts.ground import Surface
 from condyn_pin.constraints.contacts.meetings import NEXT, REACH, lowest_points, most_on_ground
 from condyn_pin.constraints.contacts.seams import WIDTH, is_hidden
-from condyn_pin.constraints.contacts.shapes import Core, Indices, lengths_of, unit_cross
+from condyn_pin.constraints.contacts.shapes import Core, lengths_of, unit_cross
 
 # What is near is looked for again when a shape has moved by this [m].
 _SLACK: Final = 0.05

@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import register
-from condyn_pin._core.arrays import Array, finite_rows, text_of
+from condyn_pin._core.arrays import Array, Indices, finite_rows, text_of
 from condyn_pin.constraints.constraint import (
     Patch,
     Vector3,
@@ -61,9 +61,6 @@ class Plane:
 # Cores: what is left of a shape without its round skin, a point, a segment or a polytope.
 #
 # shape = core + ball of a radius
-
-
-Indices = NDArray[np.int_]
 
 
 class Core(NamedTuple):
