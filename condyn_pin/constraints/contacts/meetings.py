@@ -27,7 +27,6 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.contacts.shapes import (
     Core,
-    Indices,
     lengths_of,
     nearest,
     on_face,
