@@ -19,6 +19,7 @@ from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.chain import ChainAnswer
 from condyn_pin.control.qp.qp_solver import Constraints, Flags, peak
+from condyn_pin.control.support import edge_notices
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import ConstraintForce, Sites
 
@@ -153,10 +154,9 @@ class ControlAnswer:
         rigid; a free-flyer's in its body frame, linear first.
     t : float
         Of the tick [s].
-    notices : tuple of str
-        What deserves attention, a sentence each: contacts that cannot be kept, joints that are
-        beyond their limits or cannot be stopped before them, forces on the edge of their cones, and
-        centres of pressure (ZMP) or mass on the edge of the support. They change no status.
+    of_tick : tuple of str
+        Notices of the program, a sentence each: contacts that cannot be kept, joints that are
+        beyond their limits or cannot be stopped before them.
     """
 
     u: Array
@@ -178,7 +178,16 @@ class ControlAnswer:
     q: Array
     t: float  # [s]
     v: Array
-    notices: tuple[str, ...] = ()
+    of_tick: tuple[str, ...] = ()
+
+    @cached_property
+    def notices(self) -> tuple[str, ...]:
+        """What deserves attention, a sentence each; they change no status.
+
+        Those of the tick, forces on the edge of their cones, and centres of pressure (ZMP) or mass
+        on the edge of the support, computed on first use.
+        """
+        return self.of_tick + edge_notices(self.scene, self.q, self.lam, self.active)
 
     @property
     def torques(self) -> dict[str, float]:
@@ -233,7 +242,7 @@ class Verdict(NamedTuple):
     infeasible: Contradiction | None
     residuals: ControlResiduals
     status: ControlStatus
-    notices: tuple[str, ...]
+    of_tick: tuple[str, ...]
 
 
 def verdict(

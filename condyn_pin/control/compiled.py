@@ -27,7 +27,6 @@ from condyn_pin.control.answer import ControlAnswer, ControlResiduals, ControlSt
 from condyn_pin.control.hierarchy import DECIDED, SLACK, STRICTLY
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.qp_solver import PolishedAnswer
-from condyn_pin.control.support import edge_notices
 from condyn_pin.control.tasks.task import BoundTask, CompiledTask, Task
 from condyn_pin.dynamics.compiled import describe_rows, why_not_rows
 from condyn_pin.dynamics.scene import Scene
@@ -211,7 +210,6 @@ class CompiledTick:
             notices = self._program.unkept(q, v, a, lam, size)
         sides = self._sides[sizes.answered - 1]
         active = active_rows(self._program, sides.nonzero()[0], sides > 0) if sides.any() else ()
-        notices += edge_notices(self._scene, q, lam, active)
         motors = self._actuation
         return ControlAnswer(
             u=tau[motors.columns] / motors.gears,
@@ -233,7 +231,7 @@ class CompiledTick:
             q=q.copy(),
             t=t,
             v=v,
-            notices=notices,
+            of_tick=notices,
         )
 
     def begin_from(self, answers: Sequence[PolishedAnswer | None]) -> None:

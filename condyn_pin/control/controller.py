@@ -29,7 +29,6 @@ from condyn_pin.control.qp.chain import ChainAnswer
 from condyn_pin.control.qp.qp_solver import Constraints, PolishedAnswer, QPSolver, QuadraticProgram
 from condyn_pin.control.qp.solvers import DAQP, ProxQP
 from condyn_pin.control.second_order import SecondOrder
-from condyn_pin.control.support import edge_notices
 from condyn_pin.control.tasks.task import Task
 from condyn_pin.dynamics.scene import Scene, check_at_all_times, check_bilateral, check_scene
 from condyn_pin.errors import InvalidArgument, MissingExtra, SolveFailed, UnsupportedBackend
@@ -372,9 +371,8 @@ class PythonTick:
         elapsed = perf_counter() - start
         self.polished = [each.answer for each in answers]
         found = verdict(self._program, given, x, answers)
-        said += found.notices + edge_notices(self._scene, q, found.lam, found.active)
         return ControlAnswer(
-            **found._replace(notices=said)._asdict(),
+            **found._replace(of_tick=said + found.of_tick)._asdict(),
             path=tuple(step for each in asked for step in each.path),
             iterations=sum(each.iterations for each in asked),
             solve_time=elapsed,

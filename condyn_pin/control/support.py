@@ -16,7 +16,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.models import whole_data, z_along
+from condyn_pin._core.models import z_along
 from condyn_pin.contact.cones import FAULTS, Cones
 from condyn_pin.control.cones import grasp, placements, pyramids
 from condyn_pin.dynamics.at_state import equations_of
@@ -298,7 +298,7 @@ def edge_notices(scene: Scene, q: Array, lam: Array, active: Sequence[str]) -> t
     words = [f"{name} {' and '.join(_at_edge(found))}" for name, found in faults.items()]
     notices = [f"forces on the edge of their cones: {listed(words)}"]
     if any(each.startswith(("pulls", "tips")) for found in faults.values() for each in found):
-        notices += _centres_on_edge(Sites(scene, q, equations_of(scene)), lam)
+        notices += _centres_on_edge(scene, q, lam)
     return tuple(notices)
 
 
@@ -307,19 +307,19 @@ def _at_edge(faults: Sequence[str]) -> list[str]:
     return ["carries nothing"] if "pulls" in faults else [f"nearly {fault}" for fault in faults]
 
 
-def _centres_on_edge(at: Sites, lam: Array) -> Iterator[str]:
+def _centres_on_edge(scene: Scene, q: Array, lam: Array) -> Iterator[str]:
     """Yield notices of centres of pressure and mass that the support does not have within it."""
-    supports = [s for contact in at.scene.constraints if (s := contact.support) is not None]
-    if any(s.half_length is None or s.half_width is None for s in supports):
+    equations, supports = equations_of(scene), [each.support for each in scene.constraints]
+    at = Sites(scene, q, equations)
+    if any(s and (s.half_length is None or s.half_width is None) for s in supports):
         return  # of a size that the cone alone knows
-    pressure, up = floor_pressure(at, lam), upward(at.scene)
+    pressure, up = floor_pressure(at, lam), upward(scene)
     plane = plane_of(pressure.points, up) if len(pressure.points) and up.any() else None
     if plane is None:  # on uneven ground edges are those of cones alone
         return
     f, n = pressure.exerted[:3], pressure.exerted[3:]
     e = plane.axes[2]
-    model = at.scene.robot.unedited
-    centres = {"mass": np.array(pin.centerOfMass(model, whole_data(model), at.q))}
+    centres = {"mass": np.array(pin.centerOfMass(equations.model, equations.data, q))}
     if float(f @ e) > 0.0:
         moment = n - np.cross(plane.origin, f)
         centres = {"pressure (ZMP)": plane.origin + np.cross(e, moment) / float(f @ e), **centres}
