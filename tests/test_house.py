@@ -90,7 +90,7 @@ def control() -> Callable[[], object]:
 
 
 @pytest.mark.parametrize(
-    ("made", "most"), [(solve, 12), (derivatives, 16), (step, 29), (control, 24)]
+    ("made", "most"), [(solve, 12), (derivatives, 16), (step, 29), (control, 23)]
 )
 def test_a_warm_call_is_read_in_few_files(made, most):
     call = made()

@@ -18,6 +18,7 @@ from condyn_pin._core.arguments import Arguments, check_type, count_text, normal
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.models import rotation_fault
 from condyn_pin.constraints.constraint import Constraint, check_size, no_joint
+from condyn_pin.constraints.contacts.ground import Ground
 from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.constraints.kinds import of_loops
 from condyn_pin.constraints.loop import Loop
@@ -32,7 +33,6 @@ from condyn_pin.model.springs import Spring, SpringDamper, spring_dampers_of
 if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.contact import Contact
     from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
-    from condyn_pin.constraints.contacts.ground import Ground
     from condyn_pin.constraints.contacts.joint_friction import JointFriction
     from condyn_pin.constraints.contacts.joint_limit import JointLimit
 
