@@ -229,7 +229,7 @@ def hands_on_a_cylinder() -> cp.Scene:
     talos = robot("talos")
     left, right = talos.contacts
     hands = ("gripper_left_base_link", "gripper_right_base_link")
-    return cp.Scene(talos, [left, right, cp.Loop(*hands, "cylindrical", axis="y")])
+    return cp.Scene(talos, [left, right, cp.Loop(*hands, "cylindrical", axis="x")])
 
 
 def cardan() -> cp.Scene:

@@ -35,8 +35,8 @@ def main() -> None:
     for verb, names in ((cp.solve_batch, ("a", "lam")), (derivatives_batch, ("da_dq", "dlam_dv"))):
         found, wanted = verb(legs, Q, V, 0, executor=core), verb(legs, Q, V, 0)
         assert all(near(getattr(found, name), getattr(wanted, name)) for name in names)
-    one = cp.Workspace(legs, native=True).solve(Q[0], V[0], 0)
-    assert near(one.a, cp.solve(legs, Q[0], V[0], 0).a)
+    one = cp.Workspace(legs, engine="core").solve(Q[0], V[0], 0)
+    assert near(one.a, cp.Workspace(legs).solve(Q[0], V[0], 0).a)
 
     solo = cp.load_robot("solo12")
     floor = cp.Scene(solo, contacts=solo.frictional_contacts(friction=0.7))
@@ -50,15 +50,15 @@ def main() -> None:
 
     stands = cp.Scene(solo, solo.contacts)
     ticks = [
-        Controller(stands, [Posture()], cones=FrictionCone(0.6, sides=8), native=native)
-        for native in (True, False)
+        Controller(stands, [Posture()], cones=FrictionCone(0.6, sides=8), engine=engine)
+        for engine in ("core", "python")
     ]
     found, wanted = (tick.solve(*stands.state()) for tick in ticks)
     assert near(found.tau, wanted.tau, 1e-7)
 
     feet, state = cp.Scene(solo, solo.contacts), stands.state()
     found = cp.solve(feet, *state, 0, solver=cp.dynamics.ConstrainedABA())
-    assert near(found.a, cp.solve(feet, *state, 0).a, 1e-7)
+    assert near(found.a, cp.Workspace(feet).solve(*state, 0).a, 1e-7)
 
 
 if __name__ == "__main__":
