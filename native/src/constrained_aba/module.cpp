@@ -73,6 +73,7 @@ private:
 
 NB_MODULE(CONDYN_MODULE, m)
 {
+  namespace nb = nanobind;
   using condyn::Bound;
   m.attr("pinocchio") = PINOCCHIO_VERSION;
   m.attr("eigen") = std::to_string(EIGEN_WORLD_VERSION) + "." + std::to_string(EIGEN_MAJOR_VERSION)
