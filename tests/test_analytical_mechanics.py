@@ -133,6 +133,7 @@ def test_motors_of_a_unicycle_drive_all_that_it_may():
         controllability(pendulum, q, torques=np.eye(pendulum.robot.nv))
 
 
+@pytest.mark.long
 def test_integrable_rows_do_not_grow():
     for made in (cp.model.four_bar(), cp.model.n_four_bar(2)):
         scene = cp.Scene(made, made.loops)
@@ -345,6 +346,7 @@ def test_ackermanns_trapezoid_comes_near_his_condition():
         assert abs(right - ideal) < 0.1 * left
 
 
+@pytest.mark.long
 @each_row("call", [lambda: cp.model.car(trailers=1.5),
                                   lambda: cp.model.car(wheelbase=0.0),
                                   lambda: cp.model.ackermann(arm=-1.0)])  # fmt: skip

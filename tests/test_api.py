@@ -213,6 +213,7 @@ def test_public_names_are_documented(rule):
     assert not faults, "docstrings of public names:\n" + "\n".join(faults)
 
 
+@pytest.mark.long
 def test_no_exception_from_units_is_idle():
     seen = {(name, entry) for name in [*FUNCTIONS, *CLASSES] for entry, _ in quantities(name)}
     idle = OTHER.keys() - seen, DIMENSIONLESS - {entry for _, entry in seen}

@@ -244,6 +244,7 @@ def test_the_proof_takes_forces_another_way(axes, monkeypatch):
     assert found.dynamics_error > 1e-6
 
 
+@pytest.mark.long
 def test_forces_that_balance_are_ok():
     """A force of a million newton and its opposite: what rounding leaves is not held against a."""
     made = chain_on("free_flyer")
@@ -254,6 +255,7 @@ def test_forces_that_balance_are_ok():
     assert np.abs(found.a - cp.solve(scene, q, v, tau).a).max() < 1e-6
 
 
+@pytest.mark.long
 def test_a_force_that_torques_balance_without_gravity_is_ok():
     """Only rounding of the force moves the robot: it is compared with the force, not with a."""
     model = pin.Model(chain_on("free_flyer").model)
@@ -265,6 +267,7 @@ def test_a_force_that_torques_balance_without_gravity_is_ok():
     assert np.abs(found.a).max() < 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gap", [0.0, 1e-3])
 def test_a_force_is_proved_as_its_torques_are(gap):
     """Also where closing a loop near its singular posture may change a."""
@@ -276,6 +279,7 @@ def test_a_force_is_proved_as_its_torques_are(gap):
     np.testing.assert_allclose(pushed.a, turned.a, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_a_free_body_is_pushed_and_turned():
     """F = m a and T = I alpha about the centre of mass, in closed form."""
     model = pin.Model()
@@ -359,6 +363,7 @@ def test_it_is_a_value():
         force.force[0] = 1.0
 
 
+@pytest.mark.long
 def test_no_force_changes_no_bit():
     label = "talos hands hinged"
     scene = all_scenes()[label]
@@ -497,6 +502,7 @@ def test_forces_of_a_run_are_checked_before_it():
         run(cp.AppliedForce("rocker_tip", lambda t, q, v: [FORCE]))
 
 
+@pytest.mark.long
 def test_a_check_is_not_blinded_by_large_torques():
     """How a changes with v depends on no torque: differences have none to lose digits to."""
     model, rng, parent = pin.Model(), np.random.default_rng(0), 0
@@ -561,6 +567,7 @@ def test_forces_that_are_not_stiff_are_not_called_stiff():
         assert not any("stiff" in notice for notice in run.notices)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("given", "said"),
     [

@@ -95,6 +95,7 @@ def test_every_robot_comes_back_to_the_bit(name):
     assert again.saveToString() == model.saveToString()
 
 
+@pytest.mark.long
 def test_motions_of_the_sample_humanoid_come_back(tmp_path):
     """Pinocchio gives it limits of acceleration and jerk, for which Python has no names."""
     model = pin.buildSampleModelHumanoidRandom()
@@ -164,6 +165,7 @@ def test_spoilt_files_do_no_harm(kind, name, tmp_path):
     assert memory < 1e6  # [kB]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_digit_of_the_model_is_no_crash(kind, tmp_path):
     """In the words of a model every number is exchanged once for each of some others."""
@@ -188,6 +190,7 @@ def test_a_digit_of_the_model_is_no_crash(kind, tmp_path):
     assert read == 0
 
 
+@pytest.mark.long
 def test_what_nobody_asks_for_is_not_expanded(tmp_path):
     path = tmp_path / "x.npz"
     members = fuzz_files.members_of(path) if saved(path) else {}
@@ -229,6 +232,7 @@ def test_files_of_before_are_refused_by_name(kind, tmp_path):
         KINDS[kind].load(path)
 
 
+@pytest.mark.long
 def test_a_loop_of_before_has_an_axis_that_its_kind_has_not(tmp_path):
     path = tmp_path / "x.npz"
     bar = robot("four_bar")
@@ -243,6 +247,7 @@ def test_a_loop_of_before_has_an_axis_that_its_kind_has_not(tmp_path):
     assert cp.Trajectory.load(path).scene.constraints == bar.loops
 
 
+@pytest.mark.long
 def test_a_robot_comes_back_whole(tmp_path):
     wanted = dataclasses.replace(
         robot("cassie"), postures={"one": robot("cassie").postures["standing"]}

@@ -102,6 +102,7 @@ def test_the_same_branch_can_be_driven_to(name):
             assert np.abs(one.homogeneous - other.homogeneous).max() < 1e-8
 
 
+@pytest.mark.long
 @each_scene
 def test_every_scene_is_closed_within_its_limits_or_is_not_called_ok(label):
     scene = all_scenes()[label]
@@ -120,6 +121,7 @@ def test_every_scene_is_closed_within_its_limits_or_is_not_called_ok(label):
             assert np.abs(again.q - assembly.q).max() < 1e-9
 
 
+@pytest.mark.long
 def test_bars_in_line_are_left_sideways():
     """All the gap is along the bars, where no joint moves anything at first."""
     scene = bar_scene(postures={})
@@ -245,6 +247,7 @@ def test_the_mirror_image_is_another_branch_and_a_flip_is_not_silent():
     assert isinstance(error.value, cp.errors.NotAssembled)  # what callers catch catches this too
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("fixed", [(), ("crank",)])
 def test_what_is_called_closed_is_on_the_side_of_the_start(fixed):
     """The angle between coupler and rocker, by trigonometry, keeps its sign; or it is said."""
@@ -266,6 +269,7 @@ def test_what_is_called_closed_is_on_the_side_of_the_start(fixed):
     assert fixed or set(statuses) <= {cp.mechanism.AssemblyStatus.CLOSED, changed}
 
 
+@pytest.mark.long
 def test_loops_that_have_no_side_have_no_branch():
     """What Bricard's loop can move turns with it: no sign tells where its dead points are."""
     scene = loops_of("bricard")
@@ -283,6 +287,7 @@ def test_loops_that_have_no_side_have_no_branch():
         assert all(cluster.sided for cluster in chains_of(loops_of(name)).clusters)
 
 
+@pytest.mark.long
 def test_cassies_legs_have_signs_of_their_own():
     scene = loops_of("cassie")
     q, _ = scene.state()
@@ -300,6 +305,7 @@ def test_cassies_legs_have_signs_of_their_own():
     assert changed == ["left-plantar-foot-joint"]
 
 
+@pytest.mark.long
 def test_without_motors_there_is_no_branch():
     scene = bar_scene(actuated=())
     assembly = scene.assemble(cp.dynamics.described_posture(scene))
@@ -318,6 +324,7 @@ def parallelogram() -> cp.Scene:
     return cp.Scene(bar, bar.loops)
 
 
+@pytest.mark.long
 def test_a_flat_parallelogram_is_in_a_dead_point_where_two_branches_start():
     scene = parallelogram()
     assembly = scene.assemble(np.zeros(3))
@@ -335,6 +342,7 @@ def test_a_flat_parallelogram_is_in_a_dead_point_where_two_branches_start():
 # --- limits
 
 
+@pytest.mark.long
 def test_joints_stay_within_their_limits():
     free = bar_scene()
     q, _ = free.state()
@@ -350,6 +358,7 @@ def test_joints_stay_within_their_limits():
     assert not assembly.beyond_limits
 
 
+@pytest.mark.long
 def test_a_closure_beyond_the_limits_is_named():
     free = bar_scene()
     q, _ = free.state()
@@ -371,6 +380,7 @@ def test_a_closure_beyond_the_limits_is_named():
     assert scene.assemble(start, fixed=["crank"], within_limits=False).closed
 
 
+@pytest.mark.long
 def test_a_joint_held_beyond_its_limits_is_refused():
     scene = with_limits(bar_scene(), crank=(0.0, 1.0))
     with pytest.raises(
@@ -380,6 +390,7 @@ def test_a_joint_held_beyond_its_limits_is_refused():
     assert scene.assemble([1.5, -0.9, 1.4], fixed=["crank"], within_limits=False).closed
 
 
+@pytest.mark.long
 def test_infinite_limits_are_none():
     assert chains_of(bar_scene()).limits.joints == ()
     one_sided = with_limits(bar_scene(), crank=(-np.inf, 1.0))
@@ -387,6 +398,7 @@ def test_infinite_limits_are_none():
     assert one_sided.check([-1e9, 0, 0]).beyond_limits == {}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CLOSED_CHAINS)
 def test_samples_are_within_limits_and_on_the_branch_of_the_posture(name):
     scene = loops_of(name)
@@ -479,6 +491,7 @@ def test_closed_states_near_a_singular_one_are_projected(angle, lightest, heavie
             assert left <= 1e-10 * max(1.0, np.abs(a).max(), np.abs(terms.gamma).max())
 
 
+@pytest.mark.long
 def test_rounding_is_relative_to_the_velocities_that_a_slip_is_the_difference_of():
     """A gear of a million: 1e-10 m/s is less than one rounding of its two sides."""
     model = pin.Model()
@@ -535,6 +548,7 @@ def test_the_motors_give_the_state_and_its_derivative(name):
         assert np.abs(pin.difference(model, *ends) / (2 * step) - column).max() < 1e-7
 
 
+@pytest.mark.long
 def test_springs_and_base_stay_where_near_has_them():
     scene, cassie = loops_of("cassie"), robot("cassie")
     near, _ = scene.sample(np.random.default_rng(10))
@@ -546,11 +560,13 @@ def test_springs_and_base_stay_where_near_has_them():
     assert state.undetermined == 12  # the base, and in each leg two springs and the spin of a rod
 
 
+@pytest.mark.long
 def test_the_motors_do_not_jump_across_a_dead_point():
     with pytest.raises((cp.errors.NotAssembled, cp.errors.BranchChanged)):
         cp.mechanism.complete_state(bar_scene(actuated=("rocker",)), [at_dead_point()[2] - 0.05])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("past", [0.01, 0.05, 0.25, 0.7])
 def test_a_flat_parallelogram_is_not_left_for_the_other_linkage(past):
     """It goes flat at -60 deg. The antiparallelogram beyond has the sign of the one before."""
@@ -578,6 +594,7 @@ def test_bars_in_a_row_are_not_folded_in_passing(n):
             cp.mechanism.complete_state(scene, [crank])
 
 
+@pytest.mark.long
 def test_far_motors_are_followed_all_the_way():
     """The crank of a crank-rocker turns three times and comes back."""
     scene = bar_scene()
@@ -601,6 +618,7 @@ def test_motors_within_limits():
     assert np.array_equal(cp.mechanism.complete_state(tight, [0.0], within_limits=False).q, free)
 
 
+@pytest.mark.long
 def test_the_legs_of_the_stewart_platform_end():
     scene = loops_of("stewart")
     with pytest.raises(cp.InvalidArgument, match=r"q_actuated: 'leg1' is 100 mm beyond its limits"):
@@ -608,6 +626,7 @@ def test_the_legs_of_the_stewart_platform_end():
     assert cp.mechanism.complete_state(scene, np.full(6, 0.2)).residual <= CLOSED
 
 
+@pytest.mark.long
 def test_more_motors_than_freedoms_are_in_conflict():
     scene = bar_scene(actuated=("crank", "rocker"))
     q, _ = scene.state()
@@ -721,6 +740,7 @@ def test_bad_angles_are_named(angles, joints, words):
         cp.mechanism.assemble_batch(loops_of("five_bar"), angles, joints=joints)
 
 
+@pytest.mark.long
 def test_a_budget_ends_what_does_not_close():
     """The rocker held where crank and coupler are too short, one attempt after the other."""
     scene = bar_scene()
@@ -736,6 +756,7 @@ def test_a_budget_ends_what_does_not_close():
         scene.assemble(start, budget=0)
 
 
+@pytest.mark.long
 def test_what_closes_needs_no_budget():
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
     q = scene.state()[0] + 0.1

@@ -196,6 +196,7 @@ def test_bodies_that_no_solid_is_are_refused(moments, mass, text):
         cp.Robot("a", one_body(inertia))
 
 
+@pytest.mark.long
 def test_a_chain_whose_data_does_not_fit_is_refused_with_its_size(monkeypatch):
     def no_memory(model: pin.Model) -> None:
         raise MemoryError
@@ -207,6 +208,7 @@ def test_a_chain_whose_data_does_not_fit_is_refused_with_its_size(monkeypatch):
         cp.Robot("a", model)
 
 
+@pytest.mark.long
 def test_a_robot_costs_one_data(monkeypatch):
     made, create = [], pin.Model.createData
     monkeypatch.setattr(pin.Model, "createData", lambda m: made.append(m) or create(m))
@@ -315,6 +317,7 @@ def test_mechanisms_refuse_what_is_larger_than_any_machine(make, argument, value
     assert_refused(lambda: make(2, **{argument: value}), rf"^{argument} = .*no machine")
 
 
+@pytest.mark.long
 @each_row("value", [0, -1.0, np.nan, np.inf, "long", None, [1.0]])
 def test_mechanisms_refuse_what_is_not_a_length(value):
     for make, arguments in (
@@ -348,6 +351,7 @@ def test_load_robot_refuses_names_and_paths(name, text):
     assert_refused(lambda: cp.load_robot(name), text)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("root_joint", ["fixed", "free_flyer"])
 def test_load_robot_refuses_a_root_joint_for_what_says_it_itself(root_joint):
     assert_refused(
@@ -540,6 +544,7 @@ def test_a_wrong_card_is_refused_in_the_words_of_the_file(tmp_path, card, text):
     assert_refused(lambda: cp.load_robot(tmp_path), rf"robot\.toml: .*{text}")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("angle", ["inf", "1" + 400 * "0"])
 def test_an_angle_of_a_posture_is_a_number(tmp_path, angle):
     joint = J.replace("revolute", "continuous")
@@ -548,6 +553,7 @@ def test_an_angle_of_a_posture_is_a_number(tmp_path, angle):
     assert_refused(lambda: cp.load_robot(tmp_path), r"robot\.toml: postures\.up: j")
 
 
+@pytest.mark.long
 def test_a_card_needs_a_name_and_a_file_and_no_more(tmp_path):
     (tmp_path / "arm.urdf").write_text(f"<robot name='arm'>{A}{B}{J}</robot>")
     (tmp_path / "robot.toml").write_text('name = "x"\n' + ARM)
@@ -605,6 +611,7 @@ def test_every_broken_file_is_refused_with_a_sentence(tmp_path):
     assert {x: said for x, said in answers.items() if not re.match("refused .{20}", said)} == {}
 
 
+@pytest.mark.long
 def test_bytes_that_are_no_text_are_refused_with_the_path(tmp_path: Path):
     (tmp_path / "robot.toml").write_bytes(b"\xff\xfe\x00")
     assert_refused(lambda: cp.load_robot(tmp_path), r"robot\.toml: .*utf-8")
@@ -622,7 +629,7 @@ SCENES: dict[str, Case] = {
     **each("constraints", (3, None, "abc", cp.PointContact("left_sole_link")),
            lambda x: cp.Scene(robot("talos"), x), "constraints.*a list"),
     **each("a constraint", (3, None, "left_sole_link", cp.PointContact),
-           lambda x: cp.Scene(robot("talos"), [x]), "a Loop or a Coupling is needed"),
+           lambda x: cp.Scene(robot("talos"), [x]), "a Loop, a Coupling or a TautCable is needed"),
     "the same twice": (
         lambda: cp.Scene(robot("talos"), 2 * robot("talos").contacts),
         "two constraints are named 'left_sole_link'; give one of them a name",
@@ -870,6 +877,7 @@ def test_a_failed_solve_carries_its_solution():
     assert kept.error_bound > 1e-8
 
 
+@pytest.mark.long
 def test_a_status_that_is_not_finite_says_so():
     q, v = scene("four_bar").state()
     solver = cp.Proximal(mu=0.0, max_iterations=1)
@@ -902,6 +910,7 @@ def test_a_velocity_whose_square_is_no_number_is_refused(verb, size):
     assert size / 10 < scene.check(q, v).constraint_velocity[bar.loops[0].name].size < size
 
 
+@pytest.mark.long
 def test_an_acceleration_from_which_torques_overflow_is_refused():
     scene = cp.Scene(cp.model.four_bar())
     q, v = scene.state()
@@ -1005,6 +1014,7 @@ def test_zero_stands_for_no_torques_and_no_other_number_does(verb):
             VERBS[verb](number)
 
 
+@pytest.mark.long
 def test_an_array_without_anything_masked_is_an_array():
     assert cp.solve(BAR, np.ma.array(Q), V, np.zeros(N)).status.ok
 

@@ -68,6 +68,7 @@ def test_capture_point_and_dcm_of_a_pendulum():
     assert fast.capture_margin < -0.3
 
 
+@pytest.mark.long
 def test_zmp_of_an_acceleration():
     """-h a / g for a mass at the height h that is not turned."""
     scene = cp.Scene(block(), [SOLE])
@@ -80,6 +81,7 @@ def test_zmp_of_an_acceleration():
     assert tips.zmp_margin < 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["solo12", "talos", "hyq"])
 @pytest.mark.parametrize("up", [0.0, 1e-9, -2.0])
 def test_in_the_air_no_point_is_the_centre_of_pressure(name, up):
@@ -116,6 +118,7 @@ def test_zmp_is_the_centre_of_pressure_on_any_plane(turn):
     assert np.abs((whole.zmp - q[:3]) @ R[:, 2]) < 1e-12  # on the plane
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["solo12", "talos"])
 def test_zmp_is_the_centre_of_pressure_of_robots_in_motion(name):
     made = robot(name)
@@ -177,6 +180,7 @@ def step_between(height: float) -> cp.Scene:
     return cp.Scene(block(), [*points, high])
 
 
+@pytest.mark.long
 def test_uneven_ground_has_a_region_where_the_mass_can_rest():
     """Without friction, and with normals that are level: the hull, whatever the heights."""
     rest = support_polygon(step_between(0.2), Q, FrictionCone(0.0))

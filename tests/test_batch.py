@@ -79,6 +79,7 @@ def test_processes_change_no_bit(label, executor):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", LABELS)
 def test_derivatives(label, executor):
     scene, (q, v, tau) = all_scenes()[label], batch_of(label, 6)
@@ -116,6 +117,7 @@ def test_threads_give_the_same():
     assert_same(found, cp.solve_batch(scene, *states))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("same", "torque"),
     [(list, 1.0), (np.array, 1.0), (lambda _: 0, 0.0), (lambda _: 0.0, 0.0)],
@@ -152,6 +154,7 @@ def test_some_rows_are_a_batch_and_one_is_an_answer():
         of[6]
 
 
+@pytest.mark.long
 def test_the_derivatives_of_one_row_are_those_of_the_state():
     scene, (q, v, tau) = all_scenes()["cassie loops"], batch_of("cassie loops", 2)
     found = cp.simulation.derivatives_batch(scene, q, v, tau)[1]
@@ -180,6 +183,7 @@ def test_an_executor_that_was_shut_down(kind):
     assert str(lost.value.done).endswith(", ... (missing: no worker got to it)")
 
 
+@pytest.mark.long
 @of_processes
 def test_places_of_shared_memory_are_used_again(executor):
     """Far more chunks than places, and the last ones smaller: every row is where it belongs."""
@@ -192,6 +196,7 @@ def test_places_of_shared_memory_are_used_again(executor):
     assert _shared_memory() == 0
 
 
+@pytest.mark.long
 def test_drift_solver_and_accuracy_reach_the_workers(executor):
     scene, (q, v, tau) = all_scenes()["cassie loops"], batch_of("cassie loops")
     options = {"solver": cp.Proximal(mu=1e-3, max_iterations=1), "accuracy": 1e-1}
@@ -204,6 +209,7 @@ def test_drift_solver_and_accuracy_reach_the_workers(executor):
     assert np.abs(exact.a - found.a).max() > 1e-6
 
 
+@pytest.mark.long
 def test_what_is_not_ok_is_counted_and_named(executor):
     scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts")
     v[[2, 17]] *= 1e170  # finite, and its square is not
@@ -229,6 +235,7 @@ def test_what_is_not_ok_is_counted_and_named(executor):
         assert bad.any(axis=1).nonzero()[0].tolist() == [2, 17]
 
 
+@pytest.mark.long
 def test_a_singular_matrix_in_every_row():
     scene, states = all_scenes()["cassie loops"], batch_of("cassie loops")
     batch = cp.solve_batch(scene, *states, solver=cp.DenseKKT())
@@ -238,6 +245,7 @@ def test_a_singular_matrix_in_every_row():
     assert f"not ok: 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, ... ({cp.Status.SINGULAR})" in str(batch)
 
 
+@pytest.mark.long
 def test_no_states(executor):
     scene = all_scenes()["talos contacts"]
     nothing = np.zeros((0, scene.robot.nv))
@@ -249,6 +257,7 @@ def test_no_states(executor):
         assert repr(batch) == "BatchSolution(talos, 0 states: none)"
 
 
+@pytest.mark.long
 def test_answers_are_frozen_pickle_and_do_not_follow_their_arguments(executor):
     scene, (q, v, tau) = all_scenes()["four_bar loops"], batch_of("four_bar loops")
     batch = cp.solve_batch(scene, q, v, tau, executor=executor)
@@ -322,6 +331,7 @@ def test_other_refusals(executor):
         cp.simulation.derivatives_batch(scene, *states, method="kkd")
 
 
+@pytest.mark.long
 @of_processes
 @pytest.mark.parametrize("count", [0, 1, 15, 1000, 100_000])
 def test_chunks_cover_all_rows_and_become_smaller(count):
@@ -333,6 +343,7 @@ def test_chunks_cover_all_rows_and_become_smaller(count):
     assert len(chunks) <= count / 1000 + 40
 
 
+@pytest.mark.long
 def test_unpickled_states_take_the_hot_path(monkeypatch):
     """An unpickled array has a dtype object of its own: a study in a worker solved all twice."""
     scene, states = all_scenes()["talos contacts"], batch_of("talos contacts", 1)
@@ -351,6 +362,7 @@ def test_unpickled_states_take_the_hot_path(monkeypatch):
         workspace.acceleration(*swapped)
 
 
+@pytest.mark.long
 def test_a_workspace_is_made_once(executor):
     recipes = [Recipe(all_scenes()[label]).pickled() for label in LABELS]
     for recipe in recipes:
@@ -364,6 +376,7 @@ def _whose(recipe: PickledRecipe) -> tuple[int, int]:
     return os.getpid(), id(recipe.workspace())
 
 
+@pytest.mark.long
 @of_processes
 def test_a_killed_worker_loses_nothing(tmp_path):
     scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops", 200)
@@ -380,6 +393,7 @@ def test_a_killed_worker_loses_nothing(tmp_path):
     assert seen == [(5 * i, 200) for i in range(1, 41)]
 
 
+@pytest.mark.long
 @of_processes
 @pytest.mark.parametrize(
     ("verb", "shared"), [(cp.solve_batch, True), (cp.simulation.derivatives_batch, False)]
@@ -451,6 +465,7 @@ def test_memory_that_is_gone_is_not_taken_for_what_came_after():
         assert np.array_equal(after.address.open()["x"], np.zeros(3))
 
 
+@pytest.mark.long
 @of_processes
 def test_shared_arrays():
     kinds = {"x": Kind((3, 2)), "none": Kind((0, 4)), "n": Kind((5,), "i1"), "end": Kind((2, 0))}
@@ -501,6 +516,7 @@ if __name__ == "__main__":
 """
 
 
+@pytest.mark.long
 @of_processes
 @pytest.mark.parametrize("start_method", ["spawn", "forkserver", "fork"])
 def test_a_script_ends_without_a_word(start_method, tmp_path):
@@ -531,6 +547,7 @@ def test_many_samples_are_one_after_the_other_whoever_draws_them(label, executor
             assert np.array_equal(found[1], V)
 
 
+@pytest.mark.long
 def test_samples_of_a_second_call_are_others():
     scene, rng = all_scenes()["four_bar loops"], np.random.default_rng(7)
     first, second = (cp.simulation.sample_batch(scene, 3, rng)[0] for _ in range(2))
@@ -538,6 +555,7 @@ def test_samples_of_a_second_call_are_others():
     assert [x.shape for x in cp.simulation.sample_batch(scene, 0, rng)] == [(0, 3), (0, 3)]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("arguments", "text"),
     [

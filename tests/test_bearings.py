@@ -155,6 +155,7 @@ def test_what_redundant_rows_share_is_not_determined() -> None:
         assert "not determined" in repr(bearing)
 
 
+@pytest.mark.long
 def test_nothing_holds_a_free_base() -> None:
     robot = cp.load_robot("cassie")
     scene = cp.Scene(robot, robot.loops)
@@ -163,6 +164,7 @@ def test_nothing_holds_a_free_base() -> None:
     np.testing.assert_allclose(found["root_joint"].wrench, 0.0, atol=1e-8)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["cassie", "bricard"])
 def test_noise_of_sensors_leaves_what_is_determined(name: str) -> None:
     robot = cp.load_robot("cassie") if name == "cassie" else cp.model.bricard()

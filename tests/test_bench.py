@@ -27,6 +27,7 @@ from condyn_pin.study.bench import (
 TINY = Effort(states=2, rounds=4, repeats=1)
 
 
+@pytest.mark.long
 def test_every_candidate_sees_every_state_equally_often():
     seen: dict[str, list[float]] = {"one": [], "two": [], "three": []}
     calls = {name: lambda q, v, tau, name=name: seen[name].append(q[0]) for name in seen}
@@ -39,6 +40,7 @@ def test_every_candidate_sees_every_state_equally_often():
     assert all(len(t.samples) == 10 for t in times.values())
 
 
+@pytest.mark.long
 def test_what_is_slow_is_called_less(monkeypatch):
     seen = {"fast": 0, "slow": 0}
     now = [0.0]  # [s] on a clock that only the calls move
@@ -59,6 +61,7 @@ def test_what_is_slow_is_called_less(monkeypatch):
     assert times["slow"].samples == pytest.approx([2000.0] * 3)
 
 
+@pytest.mark.long
 def test_times_are_what_they_say():
     times = Times(tuple(map(float, range(1, 101))))
     assert times.median == 50.5
@@ -66,6 +69,7 @@ def test_times_are_what_they_say():
     assert Times((2.0, 4.0, 9.0)).ratio(Times((1.0, 2.0, 3.0))) == 2.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", ["four_bar loops", "talos contacts"])
 def test_rows_of_a_scene(label):
     rows = bench_scene(label, all_scenes()[label], effort=TINY)
@@ -85,6 +89,7 @@ def test_rows_of_a_scene(label):
         assert row.to_dense > 0
 
 
+@pytest.mark.long
 def test_dense_is_the_fastest_of_the_dense(monkeypatch):
     """Invented times: every method is faster than the one before it."""
     from condyn_pin.study import bench
@@ -112,6 +117,7 @@ def test_by_hand_is_right_or_not_there(label):
         assert np.abs(answer(*state) - truth).max() < 1e-6 * max(np.abs(truth).max(), 9.81)
 
 
+@pytest.mark.long
 def test_redundant_rows_get_a_damped_reference():
     rows = bench_scene("four_bar loops", all_scenes()["four_bar loops"], effort=TINY)
     dense = [row for row in rows if row.method.startswith("Dense KKT")]
@@ -119,6 +125,7 @@ def test_redundant_rows_get_a_damped_reference():
     assert "mu" in dense[1].method
 
 
+@pytest.mark.long
 def test_a_method_that_fails_stays_in_the_table(monkeypatch):
     from condyn_pin.study import bench
 
@@ -133,6 +140,7 @@ def table() -> BenchTable:
     return BenchTable(rows, machine())
 
 
+@pytest.mark.long
 def test_json_has_no_nan_and_keeps_every_field(tmp_path):
     table().to_json(tmp_path / "b.json")
     text = (tmp_path / "b.json").read_text()
@@ -165,12 +173,14 @@ def test_native_rows_are_those_of_python_without_it(name):
                 assert in_cpp[method].error < max(1e-9, 10 * python[method].error)
 
 
+@pytest.mark.long
 def test_standard_scenes_of_every_robot():
     assert list(standard_scenes(robot("talos"))) == ["talos contacts", "talos corners"]
     assert list(standard_scenes(robot("cassie"))) == ["cassie loops", "cassie loops + contacts"]
     assert list(standard_scenes(robot("pendulum"))) == ["pendulum free"]
 
 
+@pytest.mark.long
 def test_torques_are_in_the_motors_only():
     cassie = robot("cassie")
     tau = motor_torque(cassie, np.random.default_rng(0))
@@ -178,6 +188,7 @@ def test_torques_are_in_the_motors_only():
     assert set(np.flatnonzero(tau)) == moved
 
 
+@pytest.mark.long
 def test_picture_has_a_mark_for_every_method_and_a_line_for_aba():
     import matplotlib
 

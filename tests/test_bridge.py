@@ -123,6 +123,7 @@ def test_there_and_back(both):
     assert np.allclose((qfrc * qvel).sum(axis=1), (tau * V).sum(axis=1), atol=1e-12)
 
 
+@pytest.mark.long
 def test_many_states_are_one_after_the_other(both):
     robot, bridge = both
     Q, V = states(robot, 6)
@@ -178,6 +179,7 @@ def test_gravity_falls_as_in_mujoco(both):
     assert np.allclose(bridge.torque_from_mujoco(q, data.qfrc_passive), passive, atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_joint_without_limits_counts_no_turns():
     robot = every_joint()
     bridge = cp.study.MujocoBridge(robot, mujoco_of(robot))
@@ -248,6 +250,7 @@ def test_joints_that_the_robot_has_not_are_held():
     assert np.array_equal(bridge.from_mujoco(qpos, qvel)[1], [v, v])
 
 
+@pytest.mark.long
 def test_a_joint_between_others_can_be_held(tmp_path):
     """The file with its elbow and its crate held is Pinocchio's reduced model."""
     path = tmp_path / "arm.xml"
@@ -314,6 +317,7 @@ def test_other_joints_are_refused():
         cp.study.MujocoBridge(screw, arm())
 
 
+@pytest.mark.long
 def test_a_ball_in_another_frame_is_refused():
     text = every_joint(fixed=True).to_mjcf()
     model = mujoco.MjModel.from_xml_string(text)
@@ -350,6 +354,7 @@ def test_bad_states_are_refused(case):
         call(bridge, q, v)
 
 
+@pytest.mark.long
 def test_without_mujoco_the_line_that_installs_it(monkeypatch):
     robot = two_links()
     monkeypatch.setitem(sys.modules, "mujoco", None)
@@ -403,6 +408,7 @@ MANY_JOINTS = """<mujoco><compiler angle="radian"/><worldbody>
 </equality></mujoco>"""
 
 
+@pytest.mark.long
 def test_many_joints_on_one_body_read_from_mujocos_file(tmp_path):
     path = tmp_path / "robot.xml"
     path.write_text(MANY_JOINTS, encoding="utf-8")
@@ -421,6 +427,7 @@ def test_many_joints_on_one_body_read_from_mujocos_file(tmp_path):
     }
 
 
+@pytest.mark.long
 def test_one_urdf_read_by_both():
     """No file of ours between them: MuJoCo reads Talos's URDF by itself, with dry friction.
 
@@ -508,6 +515,7 @@ def test_what_is_wrong_is_seen_and_named(field, joint, change, term, said):
     assert "Pinocchio and MuJoCo differ" in str(found)
 
 
+@pytest.mark.long
 def test_any_link_of_talos_can_be_the_culprit():
     talos = cp.load_robot("talos")
     q, v = cp.Scene(talos).sample(np.random.default_rng(0))
@@ -531,6 +539,7 @@ def test_an_axis_that_is_a_little_off_is_a_cause():
     assert found.causes[0].startswith("joint leg_left_4_joint: its axis is")
 
 
+@pytest.mark.long
 def test_rounding_is_no_cause_where_a_body_is_alone():
     """Its centre of mass is its origin, so that nothing had a length but rounding."""
     model = pin.Model()
@@ -546,6 +555,7 @@ def test_rounding_is_no_cause_where_a_body_is_alone():
     assert "centre of mass" in cause
 
 
+@pytest.mark.long
 def test_a_slide_with_another_zero_is_named():
     robot = every_joint()
     model = mujoco_of(robot)
@@ -553,6 +563,7 @@ def test_a_slide_with_another_zero_is_named():
     assert "the same coordinate puts it -0.05 m further" in compared(robot, model).causes[0]
 
 
+@pytest.mark.long
 def test_a_loop_that_only_one_has_is_said():
     bar = cp.load_robot("four_bar")
     without = mujoco.MjModel.from_xml_string(bar.to_mjcf(without=["coupler_rocker"]))
@@ -566,6 +577,7 @@ def test_a_loop_that_only_one_has_is_said():
         assert not found.ok
 
 
+@pytest.mark.long
 def test_loops_of_other_names_are_compared_together():
     cassie = cp.load_robot("cassie")
     renamed = [replace(loop, name=f"{loop.name}_") for loop in cassie.loops]
@@ -597,6 +609,7 @@ def test_open_loops_are_compared_by_their_gaps():
     assert all(f"J of the {kind} was not compared: it is open" in str(found) for kind in kinds)
 
 
+@pytest.mark.long
 def test_the_answer_is_json():
     bar = cp.load_robot("four_bar")
     found = compared(bar, mujoco_of(bar))
@@ -626,6 +639,7 @@ def test_the_command_compares_a_file(tmp_path):
     assert "mass 0.577 kg here, 0.6 in MuJoCo" in said["causes"][0]
 
 
+@pytest.mark.long
 def test_the_command_takes_names_and_joints_that_are_held(tmp_path):
     path = tmp_path / "arm.xml"
     path.write_text(TWO.format(**PLAIN | {"first": "s"}), encoding="utf-8")

@@ -48,6 +48,7 @@ def test_two_oracles_agree(label):
     assert relative(np.asarray(found.a, float), np.asarray(wanted, float)) < 1e-11
 
 
+@pytest.mark.long
 def test_every_joint_type_is_there_and_known():
     """M and h by positions alone, of every type that Pinocchio lets a robot have."""
     from judges.oracle import Oracle
@@ -69,6 +70,7 @@ def test_every_joint_type_is_there_and_known():
     assert seen == every - several
 
 
+@pytest.mark.long
 def test_problems_are_closed_moving_and_repeat_themselves():
     from judges.trees import problem
 
@@ -150,6 +152,7 @@ def test_derivatives_are_right_along_the_constraints():
     assert seen > 20
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [774, 10720])
 def test_derivatives_keep_what_cancels(seed):
     """Masses over six decades: torques of tons by q, times the inverse inertia of grams."""
@@ -183,6 +186,7 @@ def test_pinocchios_own_derivatives_are_not_those_of_a_damped_matrix(seed):
         assert np.abs(getattr(theirs, name) - wanted).max() < 1e-7 * size
 
 
+@pytest.mark.long
 def test_the_report_counts_and_lists(tmp_path, capsys, monkeypatch):
     import script
     from campaign import report
@@ -207,6 +211,7 @@ def test_the_report_counts_and_lists(tmp_path, capsys, monkeypatch):
         assert "seed 7, Proximal" in capsys.readouterr().out
 
 
+@pytest.mark.long
 def test_a_run_goes_on_where_it_was_cut(tmp_path, monkeypatch):
     import campaign
 

@@ -53,6 +53,7 @@ def results(work, executor, **options) -> dict[int, int]:
     return dict(cp.map_chunks(work, range(10), executor=executor, **options))
 
 
+@pytest.mark.long
 def test_work_is_done_here_and_in_order_or_by_threads():
     assert list(cp.map_chunks(square, [3, 4])) == [(0, 9), (1, 16)]
     with ThreadPoolExecutor(2) as executor:
@@ -88,11 +89,13 @@ def ends_with_all_else_done() -> None:
     assert 3 not in found
 
 
+@pytest.mark.long
 def test_work_that_always_kills_ends_with_an_error_and_all_else_done():
     call = "import test_chunks; test_chunks.ends_with_all_else_done()"
     assert crash.run(call) == crash.Outcome("ok", "")
 
 
+@pytest.mark.long
 def test_a_function_of_a_notebook_is_refused_by_name():
     script = (
         "import condyn_pin as cp\n"
@@ -122,12 +125,14 @@ def dies_with_a_lock(mark: str) -> None:
     assert os.path.exists(mark)
 
 
+@pytest.mark.long
 def test_a_worker_that_is_killed_while_it_begins_blocks_no_other(tmp_path):
     """A broken pool terminates its workers: a lock that one held would be taken for ever."""
     call = f"test_chunks.dies_with_a_lock({str(tmp_path / 'mark')!r})"
     assert crash.run(f"import test_chunks; {call}", timeout=60.0) == crash.Outcome("ok", "")
 
 
+@pytest.mark.long
 def test_a_plain_pool_says_that_it_is_of_no_use_any_more():
     text = r"of no use after that; \d+ of 10 .*\.Processes"
     pool = ProcessPoolExecutor(2, get_context("spawn"))
@@ -171,6 +176,7 @@ def test_a_chunk_that_the_executor_lost_is_handed_out_again():
         results(square, executor)
 
 
+@pytest.mark.long
 def test_stopping_early_cancels_what_nobody_has_begun():
     with ThreadPoolExecutor(1) as executor:
         chunks = cp.map_chunks(square, range(1000), executor=executor)
@@ -260,6 +266,7 @@ def test_a_script_without_a_guard_is_told_so_at_once(pool, tmp_path):
     assert done.stdout.count("imported") <= 3  # the script itself, and each worker
 
 
+@pytest.mark.long
 def test_a_script_that_workers_cannot_import_does_not_blame_the_work(tmp_path):
     done = run_script(
         "import condyn_pin as cp\nif __name__ == '__main__':\n"

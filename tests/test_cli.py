@@ -103,11 +103,13 @@ def test_an_answer_is_whole(line):
     assert line not in NOT_SAID or NOT_SAID[line] not in result.output
 
 
+@pytest.mark.long
 def test_a_line_of_an_answer_is_not_broken():
     lines = run("lab problem A01 --duration 0.1").output.splitlines()
     assert all(line.startswith(("A01", "  ")) for line in lines)
 
 
+@pytest.mark.long
 def test_a_ladder_is_printed_drawn_and_json(tmp_path, monkeypatch):
     result = run("lab ladder talos --plot", tmp_path / "l.png")
     assert result.exit_code == 0, result.output
@@ -136,6 +138,7 @@ def test_solve_prints_json_that_equals_the_library(solver):
     assert answer["forces"]["left_sole_link"] == solution.forces["left_sole_link"].tolist()
 
 
+@pytest.mark.long
 def test_solve_takes_what_rolls_by_the_solver_of_the_library():
     """And geared joints, rods and planes: the default was Proximal, which takes none of these."""
     done = run("solve unicycle --contacts wheel --json")
@@ -161,6 +164,7 @@ def test_solve_takes_joints_torques_and_forces_by_name():
     assert answer["a"] == cp.solve(scene, q, np.zeros(3), tau, forces=[pushed]).a.tolist()
 
 
+@pytest.mark.long
 def test_the_base_of_a_urdf_may_float():
     path = cp.load_robot("go2").description
     fixed, floating = (run(f"show {path} {more}") for more in ("", "--floating"))
@@ -170,6 +174,7 @@ def test_the_base_of_a_urdf_may_float():
     assert answer["a"][:3] == pytest.approx([0.0, 0.0, -9.81], abs=1e-9)
 
 
+@pytest.mark.long
 def test_a_model_of_a_world_and_its_motors_are_chosen(tmp_path, condyn):
     link = "<link name='{0}a'/><link name='{0}b'/>"
     joint = "<joint name='{0}j' type='revolute'><parent>{0}a</parent><child>{0}b</child>"
@@ -196,6 +201,7 @@ def test_assemble_without_loops_says_so():
     assert "note" not in run("assemble four_bar").output
 
 
+@pytest.mark.long
 def test_advice_names_options_of_the_line(condyn):
     code, _, said = condyn("assemble cassie --q left-knee-op=9")
     assert code == 2
@@ -203,12 +209,14 @@ def test_advice_names_options_of_the_line(condyn):
     assert "within_limits" not in said
 
 
+@pytest.mark.long
 def test_assemble_keeps_the_joints_that_it_is_given():
     answer = json.loads(run("assemble four_bar --q crank=0.9 --json").stdout)
     assert answer["status"] == "closed"
     assert answer["joints"]["crank"] == [0.9]
 
 
+@pytest.mark.long
 def test_control_prints_json_that_equals_the_library():
     answer = json.loads(run("control go2 --lift FL_foot --json").stdout)
     assert answer["status"] == "ok"
@@ -260,6 +268,7 @@ def test_control_is_a_page(tmp_path, option):
     assert "support polygon" in page
 
 
+@pytest.mark.long
 def test_a_singular_solve_exits_with_one_and_says_nan():
     answer = run("solve four_bar --solver densekkt --json")
     assert answer.exit_code == 1
@@ -278,6 +287,7 @@ def test_export_writes_a_file_that_reads_back(tmp_path):
     assert cp.load_robot(path).loops == ()
 
 
+@pytest.mark.long
 def test_export_says_what_an_mjcf_has_no_place_for(tmp_path):
     path = tmp_path / "solo.xml"
     said = "limits of 12 velocities: an MJCF has no place for them"
@@ -287,6 +297,7 @@ def test_export_says_what_an_mjcf_has_no_place_for(tmp_path):
     assert "<!--" not in cp.load_robot("four_bar").to_mjcf()
 
 
+@pytest.mark.long
 def test_export_writes_feet_and_shapes(tmp_path):
     path = tmp_path / "solo.xml"
     assert run("export solo12 --friction 0.7 --shapes --mjcf", path).exit_code == 0
@@ -415,6 +426,7 @@ def test_what_measures_the_library_says_where_it_went(line, condyn):
     assert said == f"condyn: {where}\n"
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("line", ["show talo --debug", "--debug show talo"])
 def test_debug_shows_the_traceback_wherever_it_stands(line, condyn):
     code, _, said = condyn(line)
@@ -494,6 +506,7 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, monkeypatch):
     assert all(one["errors"]["status"] == "finished" for one in runs.values())
 
 
+@pytest.mark.long
 def test_ctrl_c_keeps_the_motion_so_far_and_stops_a_whole_study(monkeypatch):
     from condyn_pin.simulation.run import HybridSimulator
 
@@ -514,6 +527,7 @@ def test_ctrl_c_keeps_the_motion_so_far_and_stops_a_whole_study(monkeypatch):
         study.run()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("line", ["bench four_bar", "trade four_bar --states 2"])
 def test_a_table_goes_to_stdout_as_json_and_to_people_beside(line):
     result = run(f"{line} --quick --solvers soft,nullspace --json -")
@@ -527,6 +541,7 @@ def nothing(*_, **__):
     raise cp.errors.NotReached("nothing meets that")
 
 
+@pytest.mark.long
 def test_a_choice_and_what_no_solver_meets_are_json_too(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     line = "trade four_bar --tune --error 1e-6 --solvers nullspace --json -"
@@ -543,6 +558,7 @@ def test_a_choice_and_what_no_solver_meets_are_json_too(tmp_path, monkeypatch):
     assert (answer["solver"], answer["reason"]) == (None, "nothing meets that")
 
 
+@pytest.mark.long
 def test_a_file_that_was_there_is_kept_by_the_check(tmp_path):
     from condyn_pin.cli.output import check_written
 
@@ -567,6 +583,7 @@ def test_a_full_disk_is_one_line(asked, unbuffered):
     assert len(result.stderr.splitlines()) == 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("closed", ["stdout", "stderr"])
 def test_what_is_closed_is_not_written_to(closed):
     """As jobs of cron are started: the answer is that of the exit code."""
@@ -595,6 +612,7 @@ def test_json_is_all_that_is_printed(line):
     assert KEYS[line] <= json.loads(result.stdout).keys()
 
 
+@pytest.mark.long
 def test_json_of_the_answers_equals_the_library():
     shown = json.loads(run("show cassie --json").stdout)
     cassie = cp.load_robot("cassie")
@@ -606,6 +624,7 @@ def test_json_of_the_answers_equals_the_library():
     assert json.loads(run("robots --json").stdout)["cassie"]["nv"] == 32
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("at", [main, lab.__main__.main])
 def test_nothing_asked_is_help(at, condyn):
     code, page, said = condyn("", at=at)
@@ -613,6 +632,7 @@ def test_nothing_asked_is_help(at, condyn):
     assert "--help" in page
 
 
+@pytest.mark.long
 def test_help_is_a_page_of_the_manual():
     page = run("--help").output
     for said in ("First steps", "Exit codes", "interrupted", "--debug", "--install-completion"):
@@ -645,6 +665,7 @@ def test_the_shell_completes(line, said):
     assert said in result.output.split()
 
 
+@pytest.mark.long
 def test_the_laboratory_is_a_command_from_anywhere(tmp_path):
     folder = Path(__file__).parents[1] / "benchmarks" / "lab"
     line = [sys.executable, folder, "stress", "--families", "fast", "--solver", "soft", "four_bar"]
@@ -652,6 +673,7 @@ def test_the_laboratory_is_a_command_from_anywhere(tmp_path):
     assert "8 cases on Pinocchio" in found.stdout
 
 
+@pytest.mark.long
 def test_the_package_is_a_command_too():
     line = [sys.executable, "-m", "condyn_pin", "--version"]
     found = subprocess.run(line, capture_output=True, text=True, check=True)

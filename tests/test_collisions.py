@@ -112,6 +112,7 @@ def test_the_derivatives_of_a_step_are_its_differences(shape):
     assert error < 1e-6 * np.abs(by_differences).max()
 
 
+@pytest.mark.long
 def test_a_cylinder_rolls_as_a_wheel_and_stands_as_a_tin():
     rolls, v = body_with(Cylinder(0.05, 0.1), on=Plane()), np.zeros(6)
     lying = pin.SE3(pin.rpy.rpyToMatrix(np.pi / 2, 0, 0), np.array([0, 0, 0.05]))
@@ -144,6 +145,7 @@ def test_round_shapes_touch_planes_alone():
         body_with(Cylinder(0.1, 0.1)).closed()
 
 
+@pytest.mark.long
 def test_the_hull_of_a_mesh_has_its_outer_corners():
     cube = np.array(np.meshgrid((0, 1), (0, 1), (0, 1))).reshape(3, -1).T
     hull = Convex.hull([*cube.tolist(), (0.5, 0.5, 0.5)])
@@ -206,6 +208,7 @@ def test_a_file_s_shape_comes_to_rest_on_the_ground(tmp_path, shape, rpy, kind, 
     assert run.q[-1, 2] == pytest.approx(0.2 + height, abs=2e-3)  # a mesh is off its centre
 
 
+@pytest.mark.long
 def test_shapes_are_named_after_link_and_kind_and_chosen_by_either(tmp_path):
     ball = geometry('<sphere radius=".05"/>')
     robot = cp.load_robot(
@@ -244,6 +247,7 @@ def test_feet_are_not_there_twice_without_a_word():
         cp.Scene(solo, contacts=[*solo.frictional_contacts(0.7), *shapes])
 
 
+@pytest.mark.long
 def test_a_sole_is_not_there_twice_either():
     talos = cp.load_robot("talos")
     corners = talos.frictional_contacts(0.7)
@@ -251,6 +255,7 @@ def test_a_sole_is_not_there_twice_either():
     assert len(on_sole) == len(talos.contacts)  # one name of each foot in both
 
 
+@pytest.mark.long
 def test_shapes_stay_through_copies_and_files(tmp_path):
     go2 = cp.load_robot("go2")
     feet = go2.collisions(0.7, shapes=["FL_foot", "FR_foot", "RL_foot", "RR_foot"])

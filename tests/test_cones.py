@@ -80,6 +80,7 @@ def test_a_block_slips_along_a_side_where_its_pyramid_says(pyramid, about):
         assert margins(answer, WrenchCone(0.5, pyramid=pyramid))["sole"].fault == fault
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("about", "half"), [("x", Y), ("y", X)])
 @pytest.mark.parametrize("side", [1, -1])
 def test_a_box_tips_where_its_weight_leaves_the_sole(about, half, side):
@@ -93,6 +94,7 @@ def test_a_box_tips_where_its_weight_leaves_the_sole(about, half, side):
         assert abs(margin.tips - wanted) < 1e-9 * MASS * G
 
 
+@pytest.mark.long
 def test_what_is_left_on_the_edge_that_tips_is_what_its_two_corners_carry():
     q, height = tilted("y", 0.2), 0.5
     surface = margins(held(block(height), q, SOLE), WrenchCone(100.0))["sole"]
@@ -101,6 +103,7 @@ def test_what_is_left_on_the_edge_that_tips_is_what_its_two_corners_carry():
     assert abs(surface.tips - sum(carried[:2])) < 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turn", [1.0, -1.0])
 def test_a_plate_twists_where_all_corners_slip(turn):
     mu, q = 0.5, tilted("x", 0.0)
@@ -199,6 +202,7 @@ def test_a_pyramid_lies_within_the_cone_or_around_it(mu, sides, angle, share):
             assert (flat >= 0) == (round_ >= 0)
 
 
+@pytest.mark.long
 def test_four_sides_within_have_the_coefficient_over_the_root_of_two():
     A = FrictionCone(0.8).rows().A
     assert np.allclose(A[1], [1.0, 0.0, -0.8 / np.sqrt(2)])
@@ -206,6 +210,7 @@ def test_four_sides_within_have_the_coefficient_over_the_root_of_two():
     assert np.allclose(FrictionCone(0.8, pyramid="outer").rows().A[1], [1.0, 0.0, -0.8])
 
 
+@pytest.mark.long
 def test_rows_count_and_names():
     rows = WrenchCone(0.7, X, Y).rows()
     assert rows.A.shape == (17, 6)
@@ -299,6 +304,7 @@ def test_pull_and_slip_are_those_of_the_force_in_the_world(label):
         assert margin.tips == margin.twists == np.inf
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", [name for name in EVERY if "edge" in name])
 def test_an_edge_is_what_its_two_ends_make(label):
     """Forces at the ends, in the axes of edge and vertical; their wrench in those of the frame."""
@@ -334,6 +340,7 @@ def test_an_edge_that_is_off_the_floor_is_refused():
     assert np.isfinite(margin.least)
 
 
+@pytest.mark.long
 def test_turning_everything_about_the_vertical_changes_no_margin():
     talos = robot("talos")
     scene = cp.Scene(talos, talos.contacts)
@@ -349,6 +356,7 @@ def test_turning_everything_about_the_vertical_changes_no_margin():
         assert abs(margin.least - two[name].least) < 1e-6
 
 
+@pytest.mark.long
 def test_loops_are_not_judged_and_contacts_are_judged_by_name():
     scene, cone = on_edges()
     cassie = scene.robot
@@ -389,6 +397,7 @@ def on_edges() -> tuple[cp.Scene, WrenchCone]:
     return cp.Scene(cassie, [*cassie.loops, *cassie.contacts]), WrenchCone(0.7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("standing", [on_points, on_edges])
 def test_where_there_is_no_answer_there_is_no_margin(standing):
     scene, cone = standing()
@@ -402,6 +411,7 @@ def test_where_there_is_no_answer_there_is_no_margin(standing):
         assert "1 unknown" in repr(margin)
 
 
+@pytest.mark.long
 def test_motions_side_by_side_are_judged_sample_by_sample():
     scene, cone = on_points()
     q, v = scene.state()
@@ -458,6 +468,7 @@ def test_a_contact_that_is_away_leaves_no_cone():
     assert repr(margin) == f"Margin({len(run)} forces, 6.937 N at least: no faults)"
 
 
+@pytest.mark.long
 def test_no_states_have_no_margins():
     scene = cp.Scene(block(), [SOLE])
     none = cp.solve_batch(scene, np.zeros((0, 7)), np.zeros((0, 6)), np.zeros(6))
@@ -466,6 +477,7 @@ def test_no_states_have_no_margins():
     assert repr(margin) == "Margin(0 forces, inf N at least: no faults)"
 
 
+@pytest.mark.long
 def test_impulses_and_inverse_dynamics_are_judged_too():
     talos = robot("talos")
     scene = cp.Scene(talos, talos.contacts)
@@ -483,6 +495,7 @@ def test_impulses_and_inverse_dynamics_are_judged_too():
 # Values, and what is refused
 
 
+@pytest.mark.long
 def test_cones_are_values():
     cone = WrenchCone(0.7, X, Y, normal=(0, 0, 2))
     assert cone == pickle.loads(pickle.dumps(cone)) == WrenchCone(0.7, X, Y, normal=(0.0, 0, 1))

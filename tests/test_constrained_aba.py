@@ -111,6 +111,7 @@ def test_every_joint_that_is_compiled(kind):
     assert relative(found.lam, right.lam) < 1e-7
 
 
+@pytest.mark.long
 @pytest.mark.native
 @each_kind
 def test_a_joint_that_is_not_compiled_is_refused_by_name(kind):
@@ -141,6 +142,7 @@ def test_what_says_ok_is_right_whatever_mu_is(kind, label, exponent):
             assert not found.status.ok or relative(found.a, right.a) < SOLVED
 
 
+@pytest.mark.long
 @pytest.mark.native
 def test_without_mu_redundant_rows_are_singular():
     label = "talos foot held twice"
@@ -223,6 +225,7 @@ def test_all_that_is_compiled_agrees_with_reference(label):
             assert relative(method.acceleration(*state), right.a) < 1e-6, name
 
 
+@pytest.mark.long
 @pytest.mark.native
 def test_the_border_refuses_what_does_not_fit():
     method = compiled("PV", "talos contacts", mu=1e-9, accuracy=1e-9, limit=5)
@@ -239,6 +242,7 @@ def test_the_border_refuses_what_does_not_fit():
     assert np.array_equal(method.acceleration(strided, v, tau), method.acceleration(q, v, tau))
 
 
+@pytest.mark.long
 @pytest.mark.native
 def test_many_states_are_each_answered_as_one():
     method = compiled("ConstrainedABA", "talos contacts", mu=1e-5, accuracy=1e-10, limit=50)

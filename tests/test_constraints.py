@@ -13,6 +13,7 @@ from shared import robot
 import condyn_pin as cp
 
 
+@pytest.mark.long
 def test_names_and_rows():
     assert (cp.PointContact("a").name, cp.PointContact("a").rows) == ("a", 3)
     assert (cp.SurfaceContact("a", name="b").name, cp.SurfaceContact("a").rows) == ("b", 6)
@@ -36,11 +37,13 @@ def test_constraints_are_values(constraint):
         constraint.name = "other"
 
 
+@pytest.mark.long
 def test_anchor_of_a_surface_is_normalised():
     anchor = cp.SurfaceContact("a", anchor=(1, 2, 3, 0, 0, 0, 2)).anchor
     assert anchor == (1, 2, 3, 0, 0, 0, 1)
 
 
+@pytest.mark.long
 def test_corners_are_on_the_edge_of_the_surface():
     left = robot("talos").contacts[0]
     corners = left.corners()

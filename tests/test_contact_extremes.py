@@ -34,6 +34,7 @@ def severities(name):
     return [s for s in CONTACT_EXTREMES[name].severities if s <= LARGE.get(name, np.inf)]
 
 
+@pytest.mark.long
 @each_family
 def test_a_family_repeats_itself(name):
     family = CONTACT_EXTREMES[name]
@@ -63,6 +64,7 @@ def test_nothing_is_wrong_unsaid(name):
     assert defects == []
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "name",
     ["friction", "grazing", "corners", "painleve", "other_units", "other_speed"],
@@ -74,6 +76,7 @@ def test_the_default_solver_answers_all_that_has_an_answer(name):
         assert error <= 1e-8
 
 
+@pytest.mark.long
 def test_contacts_that_give_way_have_an_answer_down_to_a_thousandth():
     """Pinocchio 3 has no convex law: Newton answers there, and less compliance is hard for it."""
     for severity in severities("compliance"):
@@ -85,12 +88,14 @@ def test_contacts_that_give_way_have_an_answer_down_to_a_thousandth():
         assert not verdict.defect
 
 
+@pytest.mark.long
 def test_a_light_box_under_a_heavy_one_is_no_trouble_the_other_way_round():
     problem = CONTACT_EXTREMES["heavy_on_light"].problem
     for severity in (1e3, 1.0, 1e-6):
         assert judge_contact(problem(severity), ADMM())[0] is Verdict.OK
 
 
+@pytest.mark.long
 def test_what_nothing_moves_is_infeasible():
     verdict, _, said = judge_contact(CONTACT_EXTREMES["immovable"].problem(0.0), ADMM())
     assert (verdict, said) == (Verdict.SAID_SO, "infeasible")
@@ -105,6 +110,7 @@ def test_a_huge_impulse_hides_no_velocity():
     assert natural_residual(problem, lam) > 0.1
 
 
+@pytest.mark.long
 def test_fifty_digits_agree_where_doubles_do():
     rng = np.random.default_rng(0)
     root = rng.normal(size=(9, 9))
@@ -142,6 +148,7 @@ def test_what_is_no_number_is_refused_by_name(name, size):
         CONTACT_EXTREMES[name].problem(size)
 
 
+@pytest.mark.long
 def test_contact_problems_are_put_to_contact_solvers_only():
     of_contact, other = Task("painleve", 1.5), Task("mass_ratio", 1.0)
     assert asked(of_contact, methods()) == list(CONTACT_SOLVERS)
@@ -152,12 +159,14 @@ def test_contact_problems_are_put_to_contact_solvers_only():
         tasks(["painlev"])
 
 
+@pytest.mark.long
 def test_stress_runs_them_in_a_process_of_their_own():
     found = stress(tasks(["painleve"])[:2], ["admm", "pgs"])
     assert [one.verdict for one in found] == [Verdict.OK] * 4
     assert {one.method for one in found} == {"admm", "pgs"}
 
 
+@pytest.mark.long
 def test_the_command_says_how_far_solvers_go(tmp_path):
     table = tmp_path / "stress.csv"
     said = CliRunner().invoke(

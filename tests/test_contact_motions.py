@@ -66,6 +66,7 @@ def test_what_spins_and_flies_follows_its_parabola(scheme: cp.simulation.Contact
     assert_allclose(run.q[-1, :2], (1.5, 0), atol=1e-12)
 
 
+@pytest.mark.long
 def test_what_spins_on_a_plane_flies_straight_too() -> None:
     model = pin.Model()
     model.gravity.linear[:] = 0.0
@@ -132,6 +133,7 @@ def test_nothing_goes_through_however_long_a_step_is(
     assert cp.step(scene, far, fast, dt=dt, integrator=scheme).penetration < 1e-6
 
 
+@pytest.mark.long
 def test_an_impulse_at_one_end_brings_down_the_other() -> None:
     """A rod of 2 m on one end: gravity closes the 30 mm below the other, and half as much again."""
     ends = [
@@ -189,6 +191,7 @@ def test_a_function_that_returns_nan_is_named(scheme: cp.simulation.Integrator) 
     assert re.search(r"tau\(0\.00[\d.]*, q, v\)\[2\] = nan: finite numbers", run.reason)
 
 
+@pytest.mark.long
 def test_a_puck_that_turns_faster_than_numbers_go_is_not_ok() -> None:
     """sin and cos of infinity are errors in Python."""
     model = pin.Model()
@@ -202,6 +205,7 @@ def test_a_puck_that_turns_faster_than_numbers_go_is_not_ok() -> None:
     assert now.status.name == "NOT_FINITE"
 
 
+@pytest.mark.long
 def test_numbers_of_numpy_are_numbers() -> None:
     """So that contacts are equal, can be hashed and come back from files."""
     plain = FrictionalContact("ball", Ball(0.5), friction=0.25, restitution=0.5)
@@ -259,6 +263,7 @@ def test_a_turned_world_and_another_order_move_the_same(
     assert_allclose(ends[1:], ends[:1] * 2, atol=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", HARD)
 def test_events_change_what_may_touch(scheme: cp.simulation.ContactScheme) -> None:
     """The floor is taken away; or one with more friction comes, or one that is too high."""

@@ -147,6 +147,7 @@ def solid(shape):
     return coal.Sphere(shape.radius if isinstance(shape, Ball) else 0.0)
 
 
+@pytest.mark.long
 def test_two_balls_meet_between_their_middles():
     at = At(scene_of(Ball(0.1), Ball(0.2)), placed(above(0.31)))
     np.testing.assert_allclose(at.gaps, [0.01], atol=1e-15)
@@ -157,6 +158,7 @@ def test_two_balls_meet_between_their_middles():
     assert np.isfinite(deep.rows()).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tilt", [0.0, 5e-3, -0.02])
 def test_each_corner_of_a_box_on_a_box_has_its_own_gap(tilt):
     on = Box(0.5, 0.5, 0.1)
@@ -169,6 +171,7 @@ def test_each_corner_of_a_box_on_a_box_has_its_own_gap(tilt):
     assert at.candidates.names[:2] == ("pair/point 1", "pair/point 2")
 
 
+@pytest.mark.long
 def test_boxes_of_one_size_stand_on_four_corners():
     box = Box(0.1, 0.1, 0.1)
     for turn in (0.0, np.pi / 2):
@@ -179,6 +182,7 @@ def test_boxes_of_one_size_stand_on_four_corners():
         np.testing.assert_allclose(np.abs(at.points[there]), 0.1, atol=1e-15)
 
 
+@pytest.mark.long
 def test_squares_across_each_other_meet_in_an_octagon():
     box = Box(0.1, 0.1, 0.1)
     at = At(scene_of(box, box), placed(above(0.201, (0.0, 0.0, np.pi / 4))))
@@ -187,6 +191,7 @@ def test_squares_across_each_other_meet_in_an_octagon():
     np.testing.assert_allclose(radii, 0.1 / np.cos(np.pi / 8), atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tilt", [(0.0, 0.0), (1e-4, 0.0), (1e-4, 2e-4)])
 def test_planks_across_each_other_meet_where_their_edges_cross(tilt):
     plank = Box(0.5, 0.08, 0.05)
@@ -229,6 +234,7 @@ def test_a_capsule_lies_on_its_ends_or_across_an_edge():
     assert np.sort(cross.gaps)[0] == pytest.approx(0.01, abs=1e-14)
 
 
+@pytest.mark.long
 def test_an_obstacle_of_the_world_and_a_moving_floor():
     ball = cp.model.free_ball(radius=0.05)
     step = FrictionalContact("ball", Ball(0.05), on="world", on_shape=Box(1, 1, 0.2), friction=1)
@@ -241,6 +247,7 @@ def test_an_obstacle_of_the_world_and_a_moving_floor():
     assert 40 < far.gaps[0] <= 49.75
 
 
+@pytest.mark.long
 def test_the_same_place_gives_the_same_points():
     scene = scene_of(SHAPES["box"], SHAPES["plank"])
     rng = np.random.default_rng(7)
@@ -314,6 +321,7 @@ def test_edges_that_are_nearly_parallel_keep_their_distance():
         assert at.gaps.min() == pytest.approx(gap, abs=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("off", [0.3, 3.0, 300.0])
 def test_a_gap_is_a_distance_also_far_away(off):
     """Of a ball, of a capsule and of a box from a box along its axes."""
@@ -334,6 +342,7 @@ def test_a_gap_is_a_distance_also_far_away(off):
                 assert At(scene, q).gaps.min() <= right + 1e-12  # a step does with a bound
 
 
+@pytest.mark.long
 def test_a_motion_and_its_events_know_the_distance_of_what_is_far():
     scene, half = scene_of(Ball(0.04), Box(0.1, 0.1, 0.1)), 0.1
     q, v = placed(above(2.0)), np.zeros(12)
@@ -394,6 +403,7 @@ def test_a_ball_rolls_over_the_seam_of_two_flush_boxes():
     np.testing.assert_allclose(run.v[-1, 3:], v[3:], atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("high", [0.03, 0.09])
 def test_a_box_in_the_corner_of_a_stair_touches_tread_and_riser(high):
     """The riser goes on above the tread: nothing of it is hidden, on top of the box or below."""
@@ -406,6 +416,7 @@ def test_a_box_in_the_corner_of_a_stair_touches_tread_and_riser(high):
     np.testing.assert_allclose(run.v[-1], 0.0, atol=1e-8)
 
 
+@pytest.mark.long
 def test_feet_of_two_pieces_slide_off_an_edge():
     """What a body wears is a piece of it too: a sole of two halves over the edge of a table."""
     halves = cp.model.free_box(size=(0.2, 0.12, 0.08))
@@ -426,6 +437,7 @@ def test_feet_of_two_pieces_slide_off_an_edge():
     np.testing.assert_allclose(run.v[-1], v, atol=1e-8)
 
 
+@pytest.mark.long
 def test_a_gap_to_a_hidden_face_is_still_the_distance_of_its_shape():
     box = cp.model.free_box(size=(0.2, 0.12, 0.08))
     scene = floor_of_two(box, Box(0.1, 0.06, 0.04), 0.0)
@@ -464,6 +476,7 @@ def test_rows_of_a_prism_are_the_rates_of_its_gaps(other):
         np.testing.assert_allclose((here.rows()[2::3] @ v)[there], rate, atol=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("drop", [6e-5, 6e-4, 1e-6])
 def test_faces_that_meet_flatly_are_two(drop):
     """A roof whose eaves are far lower than rounding: its faces meet at an angle of any size."""
@@ -478,6 +491,7 @@ def test_faces_that_meet_flatly_are_two(drop):
         assert min(contact_gaps(scene, q).values()) == pytest.approx(1e-3, abs=1e-12)
 
 
+@pytest.mark.long
 def test_corners_with_six_digits_make_the_faces_of_their_solid():
     """Twelve faces of a prism, each of several triangles, whose corners are written in a file."""
     angles = np.pi / 5 * np.arange(10) + 0.1
@@ -505,6 +519,7 @@ def test_what_is_not_convex_is_refused(vertices, words):
         Convex(vertices)
 
 
+@pytest.mark.long
 def test_a_solid_comes_back_from_a_file():
     contact = FrictionalContact("a", Convex(PRISM), friction=0.5)
     assert decode(json.loads(json.dumps(encode(contact)))) == contact

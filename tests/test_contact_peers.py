@@ -33,6 +33,7 @@ def box(tmp_path):
     return motion, told
 
 
+@pytest.mark.long
 def test_the_file_starts_where_the_motion_starts(box):
     motion, told = box
     model = mujoco.MjModel.from_xml_path(str(told.model))
@@ -54,6 +55,7 @@ def test_the_box_stops_where_the_closed_form_says(box):
     assert np.arctan2(end[1], end[0]) == pytest.approx(0.3)
 
 
+@pytest.mark.long
 def test_the_error_is_of_the_motion_and_of_nothing_else(box):
     from peers.contact import with_condyn
 
@@ -67,6 +69,7 @@ def test_the_error_is_of_the_motion_and_of_nothing_else(box):
     assert told.distance(np.full((8, 1, 3), np.nan)) == np.inf
 
 
+@pytest.mark.long
 def test_steps_lead_from_time_to_time(box):
     _, told = box
     for dt in told.steps:
@@ -97,6 +100,7 @@ def test_committed_orders_are_those_of_the_schemes():
     assert slopes["box slides and stops", "Anitescu"] < 0.1
 
 
+@pytest.mark.long
 def test_committed_rows_are_compared_at_equal_error():
     import contact_peers
     import script

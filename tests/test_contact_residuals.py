@@ -77,12 +77,14 @@ def test_what_sticks_misses_its_slip_and_its_fall(mu, pushed):
     assert one((1e-9, 0, -fall), lam, mu=mu).natural == pytest.approx(max(fall, 1e-9))
 
 
+@pytest.mark.long
 def test_what_friction_cannot_hold_is_not_judged_as_stuck():
     for mu in (MU, 1e3):
         assert one((0, 0, 0), (1.1 * mu, 0, 1), mu=mu).natural > 0.05 * min(mu, 1 / mu)
         assert one((0, 0, 0), (0, 0, -1), mu=mu).natural == 1.0
 
 
+@pytest.mark.long
 def test_the_convex_law_lifts_what_slides():
     """lam and sigma on the surfaces of K and K*, orthogonal: right in a ccp, not in an ncp."""
     sigma, lam = (-1.0, 0.0, MU), (MU, 0.0, 1.0)
@@ -94,6 +96,7 @@ def test_the_convex_law_lifts_what_slides():
     assert broken(one((-1, 0, 0), (MU, 0, 1), law="ccp")) == {"dual", "complementarity", "natural"}
 
 
+@pytest.mark.long
 def test_without_friction_only_the_normal_is_asked():
     assert broken(one((1.0, 2.0, 0.0), (0.0, 0.0, 1.0), mu=0.0)) == set()
     assert broken(one((0, 0, 0), (0, 0, -1), mu=0.0)) == {"cone", "natural"}
@@ -142,6 +145,7 @@ def test_natural_residual_is_a_number_without_a_unit():
     assert natural_residual(first, lam) == one.natural
 
 
+@pytest.mark.long
 def test_what_is_not_a_number_is_no_small_residual():
     problem = ContactProblem(np.eye(3), [0, 0, -1.0], [0.5])
     for bad in (np.nan, np.inf):
@@ -183,6 +187,7 @@ def test_projection_splits_by_moreau(x, friction):
         assert mu * np.hypot(t1, t2) <= n + 1e-11 * size
 
 
+@pytest.mark.long
 @given(x=points, y=points, friction=frictions)
 def test_projection_brings_points_no_further_apart(x, y, friction):
     K = sets(friction)
@@ -205,6 +210,7 @@ def test_slopes_are_those_of_the_projection(x, friction, seed):
         assert analytic == pytest.approx(differences, abs=1e-5)
 
 
+@pytest.mark.long
 @given(lam=points, g=points, friction=frictions, law=st.sampled_from(["ncp", "ccp"]))
 def test_the_judge_projects_as_solvers_do(lam, g, friction, law):
     """The natural residual has lines of its own, so that no solver is proved by what it runs."""

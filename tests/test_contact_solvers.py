@@ -161,6 +161,7 @@ def test_box_on_four_corners(solver, case, v):
     assert not found.unique_forces
 
 
+@pytest.mark.long
 def test_a_box_slides_the_way_that_it_goes_and_along_polygons_it_does_not():
     case = box(v=(np.cos(0.3), np.sin(0.3), 0.0))
     for solver in (*EXACT, PGS()):
@@ -193,6 +194,7 @@ def test_anitescu_lifts_what_slides():
     assert solve_contact(problem).sigma[2] == pytest.approx(0.38038, abs=1e-7)
 
 
+@pytest.mark.long
 def test_solo12_shares_its_weight():
     case = solo12()
     for solver in (*EXACT, PGS(), Lemke()):
@@ -219,6 +221,7 @@ def test_painleves_rod_is_stopped_by_an_impulse(solver, dt, impulse):
     assert np.abs(found.sigma).max() < 1e-8  # it sticks
 
 
+@pytest.mark.long
 def test_newton_names_the_polygon_that_it_began_with():
     assert solve_contact(rod(1.5, 1e-3), SemismoothNewton()).path == ("Newton", "Lemke", "Newton")
 
@@ -239,6 +242,7 @@ def test_masses_and_friction_wide_apart(seed, solver):
     assert natural(problem, solve_contact(problem, solver).lam) < 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [ADMM(), SemismoothNewton()], ids=repr)
 @pytest.mark.parametrize("seed", [64, 179, 215, 309, 486])
 def test_convex_problems_with_masses_and_friction_wide_apart(seed, solver):
@@ -246,6 +250,7 @@ def test_convex_problems_with_masses_and_friction_wide_apart(seed, solver):
     assert natural(problem, solve_contact(problem, solver).lam) < 1e-8
 
 
+@pytest.mark.long
 def test_what_hardly_moves_is_still():
     """Relative to 1e-313 m/s nothing is a number."""
     whole = random(5, cones=2, half_lines=2, intervals=2)
@@ -255,12 +260,14 @@ def test_what_hardly_moves_is_still():
         assert np.abs(found.sigma).max() < 1e-300
 
 
+@pytest.mark.long
 def test_rounding_proves_nothing_infeasible():
     """Bodies that stop do not go through each other."""
     found = solve_contact(bodies(517, law="ccp"), throw=False)
     assert found.status is not ContactStatus.INFEASIBLE
 
 
+@pytest.mark.long
 def test_polish_ends_at_rounding():
     problem = PROBLEMS["solo12 slides"]
     rough, fine = (solve_contact(problem, ADMM(polish=polish)) for polish in (False, True))
@@ -286,24 +293,28 @@ def test_what_does_not_slide_is_answered_at_once_and_to_rounding(problem):
     assert natural(problem, found.lam) < 1e-14
 
 
+@pytest.mark.long
 def test_no_impulse_where_all_contacts_leave():
     """Where friction couples to the normal, one that sticks would answer as well."""
     problem = ContactProblem([[1, 0, -1.9], [0, 1, 0], [-1.9, 0, 4]], [-1.0, 0.0, 0.1], [3.0])
     assert not solve_contact(problem, ADMM()).lam.any()
 
 
+@pytest.mark.long
 def test_newton_is_exact():
     for label in ("box slides", "solo12", "solo12 slides", "random, everything"):
         problem = PROBLEMS[label]
         assert solve_contact(problem, SemismoothNewton()).residuals.natural < 1e-14
 
 
+@pytest.mark.long
 def test_admm_falls_back_when_it_has_no_iterations():
     found = solve_contact(PROBLEMS["solo12 slides"], ADMM(max_iterations=1))
     assert found.status.ok
     assert found.path[:2] == ("ADMM", "Newton")
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not _pin.HAS_ANDERSON, reason="Pinocchio 3 starts again")
 def test_a_guess_saves_iterations():
     problem = PROBLEMS["solo12 slides"]
@@ -313,6 +324,7 @@ def test_a_guess_saves_iterations():
     assert solve_contact(problem, PGS(), guess=cold.lam).iterations < 10
 
 
+@pytest.mark.long
 def test_same_bits_whatever_was_solved_before():
     first = solve_contact(PROBLEMS["solo12 slides"])
     for label in PROBLEMS:
@@ -320,6 +332,7 @@ def test_same_bits_whatever_was_solved_before():
     assert np.array_equal(solve_contact(PROBLEMS["solo12 slides"]).lam, first.lam)
 
 
+@pytest.mark.long
 def test_same_bits_from_many_threads():
     asked = [PROBLEMS["solo12 slides"], PROBLEMS["box slides"], PROBLEMS["random, stops"]] * 10
     alone = [solve_contact(problem).lam for problem in asked]
@@ -328,6 +341,7 @@ def test_same_bits_from_many_threads():
     assert all(np.array_equal(x, y) for x, y in zip(alone, together, strict=True))
 
 
+@pytest.mark.long
 def test_gauss_seidel_after_admm_is_not_damped():
     problem = PROBLEMS["solo12"]
     alone = solve_contact(problem, PGS()).lam
@@ -345,6 +359,7 @@ def test_gauss_seidel_knows_what_it_may_ask_of_a_contact():
     assert solve_contact(problem, PGS(over_relaxation=0.7)).status.ok
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [ADMM(), PGS(), SemismoothNewton()])
 def test_a_sole_that_rolls_over_its_edge(solver):
     """Neither Newton nor polygons lead there, one contact after the other does."""
@@ -353,6 +368,7 @@ def test_a_sole_that_rolls_over_its_edge(solver):
     assert natural(problem, found.lam) < CONTACT_SOLVED
 
 
+@pytest.mark.long
 def test_lemke_ends_on_ties():
     """Many equal corners of a box without friction: every ratio is tied."""
     G = np.ones((30, 30))
@@ -401,6 +417,7 @@ def test_lemke_answers_redundant_polygons_on_any_processor(sides):
         assert np.abs((L[:, :2] * S[:, :2]).sum(axis=1) + mu * L[:, 2] * slip).max() < small
 
 
+@pytest.mark.long
 def test_polygons_without_an_answer_are_no_nan():
     """What is nearest to one comes back, and says that it is none."""
     G = np.zeros((6, 6))
@@ -465,6 +482,7 @@ def test_a_tower_of_boxes_that_slide_on_each_other(seed, solver):
     assert set(found.path) <= {"ADMM", "Newton", "equal compliance"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("R", [0.2, 0.05, 0.01, 1e-3, 1e-6])
 def test_sap_finds_what_newton_finds(R):
     for seed in range(5):
@@ -501,6 +519,7 @@ def test_what_no_impulse_can_do_is_said_by_name(name):
     assert caught.value.solution.unmet == ("wall",)
 
 
+@pytest.mark.long
 def test_a_body_between_two_walls_that_close():
     J = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0], [0, 1, 0], [0, 0, 1], [-1, 0, 0.0]])
     closing = ContactProblem(J @ J.T, [0, 0, -0.1, 0, 0, -0.2], [0.5, 0.5], names=["l", "r"])
@@ -551,6 +570,7 @@ def test_nothing_that_is_not_finite_is_ok():
             assert found.status in (ContactStatus.NOT_FINITE, ContactStatus.INACCURATE), change
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", [100.0, 300.0, 1000.0])
 @pytest.mark.parametrize("name", ["solo12", "talos"])
 def test_feet_on_a_rough_floor_stick_at_once(name, friction):
@@ -564,6 +584,7 @@ def test_feet_on_a_rough_floor_stick_at_once(name, friction):
     assert found.sigma == pytest.approx(problem.velocities(held), abs=1e-9 * problem.scale[1])
 
 
+@pytest.mark.long
 def test_velocities_whose_squares_vanish_are_rest():
     """1e-310 m/s is met by no impulse to within itself; nothing of it overflows."""
     problem = random(0).replaced(g=np.full(12, -1e-310))
@@ -599,6 +620,7 @@ def test_bad_problems(change, said):
         ContactProblem(**{"G": np.eye(3), "g": np.zeros(3), "friction": [0.5], **change})
 
 
+@pytest.mark.long
 def test_a_problem_keeps_copies():
     g = np.zeros(3)
     problem = ContactProblem(np.eye(3), g, [0.5])
@@ -630,12 +652,14 @@ def test_bad_solvers_and_arguments():
             make()
 
 
+@pytest.mark.long
 @pytest.mark.skipif(_pin.solves_contacts(True, 1), reason="Pinocchio 4 takes it")
 def test_gauss_seidel_of_pinocchio_3_has_no_intervals():
     with pytest.raises(UnsupportedBackend, match="SemismoothNewton"):
         solve_contact(PROBLEMS["random, everything"], PGS())
 
 
+@pytest.mark.long
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 50), heavier=st.integers(-20, 20), faster=st.integers(-20, 20))
 def test_units_that_are_powers_of_two_change_no_digit(seed, heavier, faster):
@@ -648,6 +672,7 @@ def test_units_that_are_powers_of_two_change_no_digit(seed, heavier, faster):
         assert one.iterations == two.iterations
 
 
+@pytest.mark.long
 @settings(max_examples=30, deadline=None)
 @given(seed=st.integers(0, 50), heavier=st.floats(-6, 6), faster=st.floats(-6, 6))
 def test_units_do_not_matter(seed, heavier, faster):
@@ -694,6 +719,7 @@ def test_a_solution_says_what_it_is():
     assert solve_contact(PROBLEMS["solo12"]).notices == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", [Lemke(), PGS()], ids=lambda solver: solver.title)
 def test_an_error_says_which_accuracy_would_pass(solver):
     problem = PROBLEMS["solo12 slides"]
@@ -752,6 +778,7 @@ def test_a_budget_ends_the_search_and_is_named(solver):
     assert [each.name for each in fields(solver)][-1] == "budget"  # the others are by place too
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", ["box slides", "solo12 slides", "random, everything"])
 def test_what_is_answered_needs_no_budget(label):
     for solver in (ADMM, SemismoothNewton):
@@ -759,6 +786,7 @@ def test_what_is_answered_needs_no_budget(label):
         np.testing.assert_array_equal(one.lam, usual.lam)
 
 
+@pytest.mark.long
 def test_line_searches_of_sap_end_at_rounding():
     """A step that is right but for rounding is taken, and not halved until nothing is left."""
     problem = foot_in_the_floor().replaced(law="ccp")

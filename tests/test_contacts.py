@@ -159,6 +159,7 @@ def test_a_rolling_ball_has_no_slip_at_its_lowest_point():
     np.testing.assert_array_equal(candidates.axes(data, q)[0], np.eye(3))
 
 
+@pytest.mark.long
 def test_rows_of_the_active_come_in_order():
     scene = on_solo(
         JointFriction("FL_KFE", 0.3),
@@ -187,6 +188,7 @@ def test_rows_of_the_active_come_in_order():
     assert np.count_nonzero(part[3:]) == 2
 
 
+@pytest.mark.long
 def test_the_stops_are_as_far_as_the_limits():
     scene = on_solo(JointLimit("FR_KFE"))
     model = scene.robot.model
@@ -200,6 +202,7 @@ def test_the_stops_are_as_far_as_the_limits():
     assert "FR_KFE/friction: dry friction" in text
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("on", [Plane(height=-1.2), "world"])
 def test_a_robot_of_one_joint_has_rows_too(on):
     shape = Box(1.0, 1.0, 1.2) if on == "world" else None
@@ -214,6 +217,7 @@ def test_a_robot_of_one_joint_has_rows_too(on):
         np.testing.assert_allclose(rows[2], [2 * np.sin(0.3)])
 
 
+@pytest.mark.long
 def test_no_contacts_is_a_scene_as_before():
     candidates = Candidates(robot("solo12").model, ())
     data = robot("solo12").model.createData()
@@ -285,6 +289,7 @@ def test_a_joint_without_limits_has_no_stops():
         cp.Scene(cp.model.pendulum(), contacts=[JointLimit("pivot")])
 
 
+@pytest.mark.long
 def test_the_description_says_the_dry_friction():
     model = pin.Model(cp.model.pendulum().model)
     model.friction = np.array([0.25])
@@ -315,6 +320,7 @@ def solo_on_feet(friction: float = 0.7) -> cp.Scene:
     return cp.Scene(solo, contacts=solo.frictional_contacts(friction))
 
 
+@pytest.mark.long
 def test_a_scene_with_contacts_is_a_value():
     scene = solo_on_feet()
     assert scene == solo_on_feet()
@@ -329,6 +335,7 @@ def test_a_scene_with_contacts_is_a_value():
     np.testing.assert_array_equal(described, scene.bilateral.state()[0])
 
 
+@pytest.mark.long
 def test_nothing_bilateral_takes_contacts():
     scene = solo_on_feet()
     with pytest.raises(UnsupportedConstraint, match="4 contacts may open: step"):
@@ -453,6 +460,7 @@ def test_feet_without_a_size_are_refused():
 # ---- files ------------------------------------------------------------------
 
 
+@pytest.mark.long
 @each_row(
     "contact",
     [
@@ -470,6 +478,7 @@ def test_contacts_come_back_from_words(contact):
     assert decode(json.loads(words)) == contact
 
 
+@pytest.mark.long
 def test_scenes_come_back_with_their_contacts():
     scene = solo_on_feet()
     words = {"constraints": [], "contacts": [encode(c) for c in scene.contacts]}
@@ -477,6 +486,7 @@ def test_scenes_come_back_with_their_contacts():
     assert scene_of(scene.robot, {"constraints": []}) == scene.bilateral  # of before
 
 
+@pytest.mark.long
 def test_a_motion_that_was_saved_has_its_contacts(tmp_path):
     scene = solo_on_feet()
     q, v = scene.state()

@@ -207,6 +207,7 @@ def test_lists_and_other_dtypes_are_welcome(solver):
         assert np.array_equal(workspace.solve(*given, throw=False).a, wanted)
 
 
+@pytest.mark.long
 def test_states_that_were_pickled_are_not_taken_the_slow_way(monkeypatch):
     """An array that comes from another process has a dtype of its own, equal to float64."""
     scene, state = all_scenes()["solo12 contacts"], states("solo12 contacts")[0]
@@ -219,6 +220,7 @@ def test_states_that_were_pickled_are_not_taken_the_slow_way(monkeypatch):
     assert np.array_equal(workspace.solve(*received).a, wanted)
 
 
+@pytest.mark.long
 @each_solver
 def test_another_byte_order_is_the_same_number(solver):
     """Pinocchio reads the bytes as they are: 1.0 becomes 3e-319."""
@@ -232,6 +234,7 @@ def test_another_byte_order_is_the_same_number(solver):
         assert np.array_equal(workspace.solve(*turned, throw=False).a, right)
 
 
+@pytest.mark.long
 @each_solver
 def test_a_huge_quaternion_is_refused_by_name(solver):
     scene = all_scenes()["solo12 contacts"]

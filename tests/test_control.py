@@ -120,6 +120,7 @@ def test_solo_stands_on_four_equal_forces():
     assert is_proved(out)
 
 
+@pytest.mark.long
 def test_without_a_foot_the_two_beside_it_carry_all():
     """The centre of mass is above the diagonal: 12.262, 12.262 and nothing."""
     scene, q, v = solo()
@@ -205,6 +206,7 @@ def test_cassies_program_is_small():
     assert is_proved(out)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("tolerance", [1e-9, 1e-6])
 def test_a_program_of_cassie_that_has_an_answer_is_solved(tolerance):
     """With limp springs ProxQP calls it infeasible at 1e-9."""
@@ -218,6 +220,7 @@ def test_a_program_of_cassie_that_has_an_answer_is_solved(tolerance):
     assert out.residuals.kkt <= 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
 def test_every_solver_gives_the_same_answer(name):
     made, tasks, cone = CASES[name]
@@ -228,6 +231,7 @@ def test_every_solver_gives_the_same_answer(name):
     assert all(np.abs(out.tau - answers[0].tau).max() < 1e-6 * size for out in answers)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", CASES)
 def test_random_states_are_answered_within_the_cones(name):
     made, tasks, cone = CASES[name]
@@ -270,6 +274,7 @@ def test_a_posture_weighted_with_inertia_is_gauss_principle(name):
             assert np.abs(out.a - least).max() < 1e-9 * np.abs(least).max()
 
 
+@pytest.mark.long
 def test_points_of_a_foot_that_turns_leave_a_program():
     """Cassie's feet are two points each: turning, these contradict each other along the edge."""
     made = robot("cassie")
@@ -286,6 +291,7 @@ def test_points_of_a_foot_that_turns_leave_a_program():
     assert 1e-2 < out.residuals.constraints < 2 * least
 
 
+@pytest.mark.long
 @each_row(
     "task",
     [
@@ -308,6 +314,7 @@ def test_without_constraints_a_tick_knows_nothing_of_the_answer_before(task):
         assert np.allclose(used.solve(q, v).tau, first.tau, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.long
 def test_springs_that_are_taken_for_rigid_do_not_accelerate():
     """What keeps them so is what they would have to give: at rest they give nothing."""
     free = robot("cassie")
@@ -523,6 +530,7 @@ def test_tasks_do_what_they_say():
         measured(task, scene, q, v, out, error)
 
 
+@pytest.mark.long
 def test_tasks_together_see_what_each_sees_alone():
     """They share the memory of one state, whatever their order."""
     scene, q, _ = talos()
@@ -632,6 +640,7 @@ def test_one_joint_follows_numbers_and_paths():
         assert out.a[6] == pytest.approx(wanted, abs=1e-9), way
 
 
+@pytest.mark.long
 def test_one_joint_alone_moves_its_mass_and_turns():
     """A pendulum: its centre moves at l a, and L = I a; one column comes as a vector elsewhere."""
     hinge = body(pin.JointModelRY(), centre=(0.0, 0.0, -0.5), inertia=0.01)
@@ -658,6 +667,7 @@ def test_a_reference_that_is_wrong_is_named_by_its_task():
             Controller(scene, [task], cones=OCTAGON).solve(q, v, 0.3)
 
 
+@pytest.mark.long
 def test_contacts_that_may_open_are_not_left_out_in_silence():
     scene, q, v = solo()
     made = scene.robot
@@ -675,6 +685,7 @@ def test_contacts_that_may_open_are_not_left_out_in_silence():
     assert np.abs(out.tau - controller.solve(q, v).tau).max() < 1e-9
 
 
+@pytest.mark.long
 def test_a_minimum_jerk_way_is_smooth_and_at_rest_at_both_ends():
     start, end = np.array([0.1, -0.2, 0.9]), np.array([0.3, 0.1, 0.8])
     way = minimum_jerk(start, end, 0.5, begin=0.2)
@@ -701,6 +712,7 @@ def test_a_minimum_jerk_way_is_smooth_and_at_rest_at_both_ends():
             wrong()
 
 
+@pytest.mark.long
 def test_a_task_of_ones_own_is_one_class():
     with own_task(still, "m/s^2") as Own:
         scene, q, v = solo()
@@ -756,6 +768,7 @@ def test_a_level_yields_nothing_to_the_regularisation(weight):
     assert np.abs(small.lam - out.lam).max() < 1e-4 * WEIGHT
 
 
+@pytest.mark.long
 def test_rows_that_the_regularisation_alone_makes_active_are_left_to_lower_levels():
     """Least accelerations and forces unload a foot; the level below is to load it."""
     scene, q, v = solo()
@@ -809,6 +822,7 @@ def test_a_level_that_is_decided_takes_nothing_from_those_below():
         assert np.abs(out.errors[wanted.name]).max() < 1e-4
 
 
+@pytest.mark.long
 def test_an_arm_without_contacts_has_levels_too():
     """Three hinges in a plane: the tip first, and what is left for the last joint."""
     arm = cp.model.chain(3)
@@ -844,6 +858,7 @@ def test_switching_back_and_forth_changes_no_answer():
     assert set(three.solve(q, v).margins) == set(FEET[1:])
 
 
+@pytest.mark.long
 def test_passive_torques_and_gears_count():
     scene, q, v = solo()
     passive = np.zeros(18)
@@ -858,6 +873,7 @@ def test_passive_torques_and_gears_count():
     assert out.torques["FL_KFE"] == pytest.approx(plain.torques["FL_KFE"] / 9.0, abs=1e-9)
 
 
+@pytest.mark.long
 def test_motors_that_work_against_each_other_share():
     """A five-bar with motors at every joint: more motors than freedoms."""
     bar = cp.model.five_bar()
@@ -886,6 +902,7 @@ def each_by_itself(scene: cp.Scene, gear: float = 3.0) -> Actuation:
     ])  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["solo12", "talos", "cassie"])
 def test_motors_of_one_joint_each_are_those_of_joints(name):
     """The same answer, where limits are active too.
@@ -953,6 +970,7 @@ def test_a_differential_by_hand():
     assert out.a == pytest.approx([1.6, 0.8], abs=1e-6)
 
 
+@pytest.mark.long
 def test_the_limit_of_a_joint_counts_for_all_motors_that_act_on_it():
     scene, _ = wrist((-9.0, 9.0), (-9.0, 9.0))
     model = pin.Model(scene.robot.model)
@@ -988,6 +1006,7 @@ def test_cables_only_pull_and_share_alike():
         assert out.tau == pytest.approx([0.5 * a], abs=1e-6)
 
 
+@pytest.mark.long
 def test_a_joint_brakes_with_what_its_cables_pull_against_it():
     """The flexor stops it in front of the lower limit, the extensor, half as strong, the upper."""
     scene = finger({"flexor": 0.02, "extensor": -0.01})  # 1 and 0.5 N m, 2 and 1 rad/s^2
@@ -1015,6 +1034,7 @@ def test_motors_on_several_joints_are_left_to_python():
     assert np.array_equal(both[0].u, both[1].u)
 
 
+@pytest.mark.long
 def test_a_differential_drives_a_closed_loop():
     """The same accelerations as by the two motors of a five-bar, and their torques by hand."""
     bar = cp.model.five_bar()
@@ -1037,6 +1057,7 @@ def test_a_differential_drives_a_closed_loop():
     assert other.u == pytest.approx([(left + right) / 40.0, (left - right) / 2.0], rel=1e-6)
 
 
+@pytest.mark.long
 def test_contacts_that_drifted_are_drawn_back():
     """J a + gamma = -2 alpha J v - beta^2 c, of a foot that is anchored 1 mm from where it is."""
     scene, q, v = solo()
@@ -1070,6 +1091,7 @@ def test_anchored_feet_belong_where_they_stood():
         anchored(scene, q[:5])
 
 
+@pytest.mark.long
 def test_a_contact_without_a_cone_is_held_like_a_loop():
     scene, q, v = solo()
     out = Controller(scene, STAND, cones=dict.fromkeys(FEET[1:], OCTAGON)).solve(q, v)
@@ -1223,6 +1245,7 @@ def test_what_is_wrong_is_named():
             wrong()
 
 
+@pytest.mark.long
 def test_tasks_that_are_read_once_are_all_done():
     scene, q, v = solo()
     once = Controller(scene, (task for task in STAND), cones=OCTAGON)

@@ -60,6 +60,7 @@ def test_a_program_and_an_answer_stay_as_they_were(name: str) -> None:
         assert np.array_equal(part, then)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["talos", "solo12", "cassie"])
 def test_what_is_computed_once_is_what_each_tick_would_compute(name: str) -> None:
     scene, states = cassie() if name == "cassie" else moving(name)
@@ -137,6 +138,7 @@ def test_forces_do_not_depend_on_the_tick_before(name, weight, speed, engine) ->
     assert changed > 2
 
 
+@pytest.mark.long
 def test_limits_that_contradict_each_other_are_told_behind_a_tick_at_one_of_them(engine) -> None:
     """A joint at its largest acceleration, and then a task that is an equation and wants more."""
     made = cp.model.chain(2)

@@ -468,6 +468,7 @@ def test_a_mistake_is_an_error_that_names_it(
         mistake()
 
 
+@pytest.mark.long
 def test_without_them_it_stands() -> None:
     assert solved().status.ok
 

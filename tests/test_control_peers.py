@@ -35,6 +35,7 @@ def question(tmp_path):
     return told
 
 
+@pytest.mark.long
 def test_the_robot_that_is_told_is_ours(question):
     from peers.control import harness
     from peers.control.with_condyn import talos
@@ -47,6 +48,7 @@ def test_the_robot_that_is_told_is_ours(question):
     )
 
 
+@pytest.mark.long
 def test_errors_are_those_of_the_answer(question):
     from peers.control import harness
     from peers.control.with_condyn import contender
@@ -103,6 +105,7 @@ def test_where_inequalities_are_active_the_optimum_is_that_of_tsid():
     assert last["tsid"][impossible]["answer"] != "ok" != last["placo"][impossible]["answer"]
 
 
+@pytest.mark.long
 def test_ours_answers_where_inequalities_are_active(question):
     from peers.control import harness
     from peers.control.with_condyn import active, contender

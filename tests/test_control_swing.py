@@ -67,6 +67,7 @@ def test_two_masses_and_a_spring_by_hand() -> None:
     assert seen.real.max() == pytest.approx(ALPHA, rel=0.02)
 
 
+@pytest.mark.long
 def test_what_is_locked_keeps_its_momentum() -> None:
     """And nothing else changes where the springs stand still."""
     scene = two_masses()
@@ -99,6 +100,7 @@ def test_rows_that_depend_on_each_other_lock_as_singular_values_say() -> None:
     assert again == pytest.approx(by_values, abs=1e-8)
 
 
+@pytest.mark.long
 def test_rows_that_have_no_cone_are_formed_alone() -> None:
     _, stiff, q, _ = cassie()
     program, still = stiff._program, np.zeros(32)
@@ -109,6 +111,7 @@ def test_rows_that_have_no_cone_are_formed_alone() -> None:
     np.testing.assert_array_equal(program._held.jacobian(q), wanted)
 
 
+@pytest.mark.long
 @each_scene
 def test_the_jacobian_of_points_and_frames_needs_no_motion(label: str) -> None:
     scene = all_scenes()[label]
@@ -120,6 +123,7 @@ def test_the_jacobian_of_points_and_frames_needs_no_motion(label: str) -> None:
     assert equations.answer == b""  # wrenches of another state are not taken for its own
 
 
+@pytest.mark.long
 def test_springs_may_carry_links_without_mass() -> None:
     """M alone is singular there; the momentum is that of the motor."""
     M = np.diag([M_1, 0.0])
@@ -139,6 +143,7 @@ def cassie(engine: str = "python") -> tuple[cp.Scene, Controller, Array, Array]:
     return loops, Controller(scene, tasks, cones=cone, rigid=springs, engine=engine), q, v
 
 
+@pytest.mark.long
 def test_springs_in_loops_are_locked_by_forces_of_loops_and_springs_alone(engine) -> None:
     loops, stiff, q, v = cassie(engine.name)
     out = stiff.solve(q, v)
@@ -157,6 +162,7 @@ def test_springs_in_loops_are_locked_by_forces_of_loops_and_springs_alone(engine
     assert np.abs(left).max() < 1e-10 < 1e-2 < np.abs(impulse).max()
 
 
+@pytest.mark.long
 def test_numbers_that_are_not_finite_are_refused_as_before() -> None:
     scene = two_masses()
     stiff = Controller(scene, [FrameTask("load")], cones={}, rigid=["load"])

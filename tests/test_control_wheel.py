@@ -72,6 +72,7 @@ def test_a_leg_is_driven_by_its_wheel(a):
     assert forward.a == pytest.approx(out.a, abs=1e-9)
 
 
+@pytest.mark.long
 def test_friction_says_how_fast_it_can_start():
     """mu g, and not more: what is asked beyond that is named, and by how much."""
     q, v = scene().state()

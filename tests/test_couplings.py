@@ -61,6 +61,7 @@ def test_an_epicyclic_gear_has_its_closed_form():
             force.on_other()
 
 
+@pytest.mark.long
 def test_two_weights_are_a_ratio():
     scenes = [
         cp.Scene(swinging(), [coupling])
@@ -91,6 +92,7 @@ def test_a_cam_is_differentiated_on_and_off_its_curve(drift):
             assert relative(getattr(found, name), getattr(differences, name)) < 1e-6, name
 
 
+@pytest.mark.long
 def test_a_cam_keeps_its_energy_and_its_curve():
     scene = cp.Scene(swinging(), [CAM, Coupling(EPICYCLIC, offset=0.2)])
     q, v = scene.sample(np.random.default_rng(2))
@@ -139,6 +141,7 @@ def test_files_keep_weights_and_curves(tmp_path):
     assert renamed.joints == ("left/sun", "left/ring", "left/carrier")
 
 
+@pytest.mark.long
 def test_a_robot_toml_lists_them(tmp_path: Path):
     names = [*cp.load_robot("four_bar").joints]
     (tmp_path / "bar.xml").write_text(cp.load_robot("four_bar").to_mjcf(without=["coupler_rocker"]))

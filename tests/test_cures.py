@@ -58,12 +58,14 @@ def test_an_error_says_what_to_write_instead(mistake):
         call()
 
 
+@pytest.mark.long
 def test_a_file_floats_if_it_is_to():
     free = cp.load_robot(SOLO.description, floating=True)
     assert (free.nv, cp.load_robot(SOLO.description, floating=False).nv) == (18, 12)
     assert free == cp.load_robot(SOLO.description, root_joint="free_flyer")
 
 
+@pytest.mark.long
 def test_an_answer_prints_its_accelerations():
     scene = cp.Scene(BAR, BAR.loops)
     answer = cp.solve(scene, *scene.state(), np.zeros(3))
@@ -71,6 +73,7 @@ def test_an_answer_prints_its_accelerations():
     assert [float(x) for x in line.strip("[]").split()] == pytest.approx(answer.a, abs=1e-4)
 
 
+@pytest.mark.long
 def test_a_motion_prints_depth_and_modes_of_its_contacts():
     box = cp.model.free_box()
     floor = cp.FrictionalContact("box", Box(0.1, 0.1, 0.1), friction=0.5)
@@ -91,6 +94,7 @@ def test_a_motion_prints_depth_and_modes_of_its_contacts():
     assert "violation " in bar
 
 
+@pytest.mark.long
 def test_modes_are_texts():
     scene = cp.Scene(
         cp.model.free_ball(), contacts=[cp.FrictionalContact("ball", Ball(0.05), friction=0.5)]
@@ -122,6 +126,7 @@ def test_a_controller_is_named_by_its_tasks():
     assert repr(levels).endswith(": Hierarchy([CenterOfMass], [Posture]))")
 
 
+@pytest.mark.long
 @each_row(
     ("low", "high"),
     [(8.18, 8.47), (0.5, 600.0), (1.2, 2.9), (95.0, 140.0), (2e-3, 3e-3), (5, 5.01)],

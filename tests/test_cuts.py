@@ -181,6 +181,7 @@ def test_it_is_differentiated(kind, axis, drift):
         cp.derivatives(scene, q, v, tau, drift=drift, check=True)
 
 
+@pytest.mark.long
 def test_files_have_it(tmp_path):
     (tmp_path / "arms.xml").write_text(cp.model.four_bar().to_mjcf())
     (tmp_path / "robot.toml").write_text(

@@ -136,6 +136,7 @@ def test_rows_turn_as_differences_say(kind):
     assert np.abs(had - wanted).max() < 1e-9 * max(np.abs(had).max(), 1.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", ["cassie loops + contacts", "four_bar hinge"])
 def test_forces_of_the_last_proof_are_not_those_of_another_place(label):
     """The same arrays, written over; and the same forces elsewhere."""
@@ -151,6 +152,7 @@ def test_forces_of_the_last_proof_are_not_those_of_another_place(label):
         lam *= 2.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mass", [1e-6, 1.0, 1e6])
 def test_differences_by_torques_know_how_heavy_joints_are(mass):
     """A step of 1e-3 N m on an excavator moves nothing."""
@@ -198,6 +200,7 @@ def test_agrees_with_pinocchio_or_is_refused(label):
         assert np.abs(had - wanted).max(initial=0.0) < 1e-9 * size, block
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("distance", [1e-1, 1e-3])
 def test_pinocchios_are_of_the_forces_of_the_scene(distance):
     """Points that are nearly one are handed to it at other places of the same foot."""
@@ -231,6 +234,7 @@ def test_products_are_those_of_the_matrices(label, method):
         d.by("friction")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [38, 88, 131, 226])
 def test_a_redundant_row_is_found_whatever_rounding_leaves_of_it(seed):
     """A point on a body that an edge holds: of its pivot more than 1e-7 was left in some states."""
@@ -273,6 +277,7 @@ def test_what_is_formed_later_is_of_the_state_that_was_asked_about(how):
             np.testing.assert_array_equal(one, other)
 
 
+@pytest.mark.long
 def test_a_pendulum_by_hand():
     """theta'' = -(g/l) sin(theta) + tau / (m l^2)."""
     pendulum = cp.model.pendulum(length=0.5, mass=2.0)
@@ -282,6 +287,7 @@ def test_a_pendulum_by_hand():
     assert d.da_dtau[0, 0] == pytest.approx(1 / (2.0 * 0.25), rel=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("drift", [None, PULLED])
 @pytest.mark.parametrize("kind", [cp.PointContact, cp.SurfaceContact, cp.constraints.LineContact])
 def test_a_machine_that_cannot_move_is_differentiated_and_checked(kind, drift):
@@ -297,6 +303,7 @@ def test_a_machine_that_cannot_move_is_differentiated_and_checked(kind, drift):
     assert np.abs(found.da_dtau).max() < 1e-12
 
 
+@pytest.mark.long
 def test_pinocchios_of_a_single_joint_are_columns():
     pendulum = cp.model.pendulum()
     scene = cp.Scene(pendulum, [cp.PointContact(pendulum.frames[-1])])
@@ -339,6 +346,7 @@ def test_trap_1_column_0_of_a_loop_on_a_turning_root():
     assert np.abs(raw[:, 1:] - right[:, 1:]).max() < 1e-8 * np.abs(right).max()
 
 
+@pytest.mark.long
 def test_results_are_owned():
     scene, (first, second, *_) = all_scenes()["talos contacts"], states("talos contacts")
     for method in ("kkt", "pinocchio"):
@@ -451,6 +459,7 @@ def test_by_gravity_and_inertias(kind):
     assert close((da @ step, dlam @ step), central(heavier, 1e-3))
 
 
+@pytest.mark.long
 def test_one_slider_by_its_mass():
     """A = tau / m - g; of one joint Pinocchio returns a vector for the matrix of one row."""
     scene = cp.Scene(body(pin.JointModelPZ(), mass=2.0))
@@ -533,6 +542,7 @@ def test_joints_whose_axes_turn_with_their_own_q(name, constraint):
     assert np.abs(struck.dv_dq @ step[0] - by_q).max() < 1e-7 * max(np.abs(by_q).max(), 1.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("drift", [None, PULLED])
 def test_one_answer_is_linearised_twice_alike(drift):
     """What its proof has left of the loops is read, not used up; they slip, so both ends differ."""
@@ -642,6 +652,7 @@ def test_many_kinds_between_bodies_at_once():
     assert np.abs(together - wanted).max() <= 1e-13 * np.abs(wanted).max()
 
 
+@pytest.mark.long
 @each_row("label", ["four_bar", "cassie", "solo12"])
 def test_derivatives_share_no_state_with_what_was_asked_before(label):
     """What a proof has evaluated serves its own derivatives: not another state, lam or load."""

@@ -110,6 +110,7 @@ def held_at_two_points() -> cp.Scene:
     return cp.Scene(talos, loops)
 
 
+@pytest.mark.long
 def test_an_open_loop_keeps_the_rank_of_the_closed_one():
     scene = held_at_two_points()
     q, _ = scene.state()
@@ -147,6 +148,7 @@ def test_a_projection_meets_the_rows_that_count_at_an_open_loop(spread):
             project()
 
 
+@pytest.mark.long
 def test_a_projection_asks_for_loops_that_are_nearly_closed():
     scene = loops_of("four_bar")
     q, v = scene.state()
@@ -165,6 +167,7 @@ def test_a_projection_asks_for_loops_that_are_nearly_closed():
                 assert np.abs(cp.Workspace(scene).jacobian(at) @ project()).max() < 1e-10
 
 
+@pytest.mark.long
 def test_nothing_moves_and_it_says_so():
     bar = cp.model.four_bar()
     q = loops_of("four_bar").state()[0]
@@ -197,6 +200,7 @@ def test_a_posture_beyond_its_limits_is_named():
     assert any("beyond joint limits" in n and by in n for n in notes)
 
 
+@pytest.mark.long
 def test_the_summary_of_another_configuration():
     scene = loops_of("cassie")
     q, _ = scene.sample(np.random.default_rng(0))
@@ -210,6 +214,7 @@ def test_the_summary_of_another_configuration():
 # --- check
 
 
+@pytest.mark.long
 def test_a_gap_is_told_in_millimetres():
     scene = loops_of("four_bar")
     q, v = scene.state()
@@ -236,6 +241,7 @@ def test_a_state_from_the_motors_is_told():
     assert "branch of coupler_rocker: in a dead point" in flat
 
 
+@pytest.mark.long
 def test_a_loop_that_cannot_close_is_not_blamed_on_the_spread():
     bar = robot("four_bar").with_frame("far", "world", [5.0, 0.0, 0.0])
     scene = cp.Scene(bar, [cp.Loop("coupler_tip", "far", name="far")])
@@ -243,6 +249,7 @@ def test_a_loop_that_cannot_close_is_not_blamed_on_the_spread():
         scene.sample(np.random.default_rng(0))
 
 
+@pytest.mark.long
 def test_figures_have_digits_and_one_unit():
     assert str(cp.constraints.ConstraintViolation(1.9504, 0.0)) == "1950 mm"
     assert str(cp.constraints.ConstraintViolation(0.0123456, 0.0)) == "12.3 mm"
@@ -251,6 +258,7 @@ def test_figures_have_digits_and_one_unit():
     )
 
 
+@pytest.mark.long
 def test_of_a_joint_with_several_limits_the_largest_excess_is_told():
     slider = pin.JointModelComposite(pin.JointModelPX())
     slider.addJoint(pin.JointModelRX())
@@ -264,6 +272,7 @@ def test_of_a_joint_with_several_limits_the_largest_excess_is_told():
     assert "arm is 500 mm and 14.3 deg beyond its limits" in str(check)
 
 
+@pytest.mark.long
 def test_a_turn_is_told_in_degrees():
     scene = all_scenes()["talos foot to foot, welded"]
     q, _ = scene.state()
@@ -293,6 +302,7 @@ def test_a_velocity_that_does_not_fit_is_named():
     check.raise_if_open(constraint_velocity=10.0)
 
 
+@pytest.mark.long
 def test_couplings_are_told_in_their_own_unit():
     bar = robot("four_bar")
     scene = cp.Scene(bar, [cp.constraints.Coupling("rocker", "crank", -0.5, 0.7)])
@@ -310,6 +320,7 @@ def test_a_check_without_velocity_looks_at_the_configuration_only():
     assert str(check) == "every loop is closed"
 
 
+@pytest.mark.long
 def test_limits_are_checked_and_do_not_open_a_loop():
     scene = with_limits(loops_of("four_bar"), crank=(0.0, 1.0))
     q, v = scene.state()
@@ -322,6 +333,7 @@ def test_limits_are_checked_and_do_not_open_a_loop():
 # --- the command line
 
 
+@pytest.mark.long
 def test_show_prints_the_facts_of_a_posture():
     result = condyn("show", "cassie", "--posture", "standing")
     assert result.exit_code == 0, result.output
@@ -331,6 +343,7 @@ def test_show_prints_the_facts_of_a_posture():
     assert "left-tarsus-crank-joint" in condyn("show", "cassie", "--frames").output
 
 
+@pytest.mark.long
 def test_assemble_prints_a_closed_configuration():
     result = condyn("assemble", "cassie", "--posture", "standing", "--fixed", "left-knee-op")
     assert result.exit_code == 0, result.output
@@ -339,6 +352,7 @@ def test_assemble_prints_a_closed_configuration():
     assert "-0.4143" in result.output
 
 
+@pytest.mark.long
 def test_assemble_that_fails_prints_the_gap_and_exits_with_one(tmp_path):
     card = (robots_folder() / "cassie" / "robot.toml").read_text(encoding="utf-8")
     bent = card.replace("left-knee-op = -0.4143", "left-knee-op = -0.6")
@@ -415,6 +429,7 @@ def test_a_humanoid_on_two_points_can_turn_about_the_line_through_them():
         assert not any("can still" in note for note in notes)
 
 
+@pytest.mark.long
 def test_an_open_loop_of_the_robot_holds_no_base():
     cassie = robot("cassie")
     bent = np.array(next(iter(cassie.postures.values())))
@@ -439,6 +454,7 @@ def test_a_foot_that_glides_shifts_and_turns():
     )
 
 
+@pytest.mark.long
 def test_what_is_told_to_be_free_is_free():
     """The twist of the line through two points, as a velocity of the base alone."""
     talos = robot("talos")
@@ -452,6 +468,7 @@ def test_what_is_told_to_be_free_is_free():
     assert scene.check(q, v).consistent
 
 
+@pytest.mark.long
 def test_a_singular_configuration_is_told_by_the_solution():
     """Every status is ok there, and yet the equations ask for less than the loop."""
     cell = cp.model.n_four_bar(1)

@@ -259,6 +259,7 @@ def test_notices_name_loop_and_cure(name, tmp_path):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("digits", [4, 5, 6])
 def test_twists_of_bennett_with_some_digits(digits, tmp_path):
     right = answers(bennett(tmp_path)).a
@@ -267,6 +268,7 @@ def test_twists_of_bennett_with_some_digits(digits, tmp_path):
     np.testing.assert_allclose(answers(scene).a, right, rtol=10.0 ** (2 - digits))
 
 
+@pytest.mark.long
 def test_axes_that_are_off_are_named(tmp_path):
     (note,) = [text for text in four_bar(tmp_path, 4).rank().notes if "axes" in text]
     assert note == (
@@ -317,6 +319,7 @@ def test_motions_are_those_of_all_digits(name, integrator, tmp_path):
     np.testing.assert_allclose(ends[1], ends[0], rtol=1e-4, atol=2e-5)
 
 
+@pytest.mark.long
 def test_a_held_joint_leaves_the_others_to_close(tmp_path):
     exact, rounded, _ = both("hinge", tmp_path)
     for scene in (exact, rounded):
@@ -327,6 +330,7 @@ def test_a_held_joint_leaves_the_others_to_close(tmp_path):
         assert scene.robot.joint_values(found.q)["crank"] == -0.8
 
 
+@pytest.mark.long
 def test_precision_0_takes_files_at_their_word(tmp_path):
     scene = four_bar(tmp_path, 4, kind="ball", precision=0)
     assert scene.robot.precision == 0.0
@@ -335,6 +339,7 @@ def test_precision_0_takes_files_at_their_word(tmp_path):
     assert not hinge.assemble(hinge.robot.postures["drawn"], throw=False).closed
 
 
+@pytest.mark.long
 def test_axes_far_from_parallel_are_believed_and_told(tmp_path):
     for kind in ("hinge", "ball"):
         scene = four_bar(tmp_path, 2, kind=kind)  # 1.57
@@ -365,12 +370,14 @@ def test_a_linkage_a_little_off_its_plane():
     assert "taken as in the plane: rank 2 of 3" in scene.nominal.digits.note
 
 
+@pytest.mark.long
 @each_row("name", ["parallelogram", "bricard", "cassie", "delta", "five_bar"])
 def test_machines_with_all_digits_are_not_looked_at(name):
     robot = cp.load_robot(name)
     assert cp.Scene(replace(robot, precision=1e-5), robot.loops).nominal.digits is None
 
 
+@pytest.mark.long
 def test_a_dead_point_is_no_digit(tmp_path):
     robot = cp.load_robot("parallelogram")
     flat = replace(robot, precision=1e-5, postures={"flat": 1e-6 * np.array([1.0, -1.0, 1.0])})
@@ -378,6 +385,7 @@ def test_a_dead_point_is_no_digit(tmp_path):
     assert scene.nominal.digits is None
 
 
+@pytest.mark.long
 def test_files_have_five_digits_and_models_all(tmp_path):
     scene = four_bar(tmp_path, 4)
     robot = scene.robot
@@ -408,6 +416,7 @@ def test_a_precision_is_a_small_number(precision):
         cp.load_robot("four_bar", precision=precision)
 
 
+@pytest.mark.long
 def test_a_motion_file_keeps_the_precision(tmp_path):
     scene = four_bar(tmp_path, 4, kind="ball")
     motion = cp.simulate(scene, *scene.state(), duration=0.002, dt=1e-3)

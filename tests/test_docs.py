@@ -71,6 +71,7 @@ def session_of(page: Path) -> dict[str, object]:
     return session
 
 
+@pytest.mark.long
 def test_there_are_pages():
     assert len(PAGES) >= 10
 
@@ -165,6 +166,7 @@ def test_links_paths_figures_and_names_are_there(page):
         assert reduce(getattr, name.split("."), cp), name
 
 
+@pytest.mark.long
 def test_the_readme_stays_one_page():
     """A screen that says what it is and runs, a table beside others, two that are measured."""
     assert len(TEXTS[README].encode()) <= 9000

@@ -55,6 +55,7 @@ def in_a_process_whose_pinocchio_fails(folder, code: str) -> subprocess.Complete
     return subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
 
 
+@pytest.mark.long
 def test_import_error_names_the_exact_line(tmp_path):
     result = in_a_process_whose_pinocchio_fails(
         tmp_path, "import condyn_pin; condyn_pin.load_robot"
@@ -78,6 +79,7 @@ def test_the_package_and_the_doctor_work_without_pinocchio(tmp_path):
     assert "This repairs it: python -m pip install" in result.stdout
 
 
+@pytest.mark.long
 def test_condyn_doctor_runs_without_pinocchio(tmp_path):
     code = (
         "import sys; sys.argv = ['condyn', 'doctor']; from condyn_pin.cli.main import main; main()"
@@ -103,6 +105,7 @@ def test_diagnosis_of_a_broken_installation(monkeypatch):
     assert found.remedy.startswith("python -m pip install")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("version", ["3.8.0", "5.0.0"])
 def test_a_version_that_is_not_supported_is_a_finding(version):
     code = f"""

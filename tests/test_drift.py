@@ -69,6 +69,7 @@ def test_rows_are_the_damped_spring():
     assert np.allclose(t.J @ solution.a + t.gamma, wanted, rtol=1e-9)
 
 
+@pytest.mark.long
 def test_a_contact_without_anchor_is_only_damped():
     scene = all_scenes()["solo12 contacts"]
     q, _, tau = states("solo12 contacts")[0]
@@ -81,6 +82,7 @@ def test_a_contact_without_anchor_is_only_damped():
         assert np.array_equal(damped.a, sprung.a)
 
 
+@pytest.mark.long
 def test_a_gap_closes_as_it_should():
     """c'' + 2 alpha c' + beta^2 c = 0: a four-bar, 1 mm open, integrated with small steps."""
     scene, q, v = bar(1e-3)
@@ -154,6 +156,7 @@ def test_what_means_nothing_is_refused(call, said):
         call()
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not HAS_LCABA, reason="Pinocchio 3 has none")
 def test_lcaba_takes_no_gains():
     with pytest.raises(cp.errors.UnsupportedConstraint, match="ignores drift control"):
@@ -253,6 +256,7 @@ def test_gains_beyond_the_limit_are_refused():
     assert cp.simulate(*bar(), duration=0.01, drift=popular).status.ok
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("integrator", "alpha", "beta"),
     [
@@ -281,6 +285,7 @@ def test_gains_at_the_limit_are_refused(integrator, alpha, beta):
     assert cp.simulate(*rod_pendulum(), drift=below, **options).status.ok
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "kind",
     [kind for kind in INTEGRATORS.values() if not (kind.keeps_constraints or kind.is_adaptive)],
@@ -328,6 +333,7 @@ read_off_or_factorised = pytest.mark.parametrize(
 )
 
 
+@pytest.mark.long
 @read_off_or_factorised
 @pytest.mark.parametrize("scheme", [cp.Baumgarte.critical(60.0), *SCHEMES], ids=repr)
 def test_every_scheme_keeps_a_four_bar_better_closed_than_none(four_bar, scheme, solver):
@@ -346,6 +352,7 @@ def test_projection_keeps_what_it_promises(four_bar, metric, solver, tolerance):
         assert left <= tolerance
 
 
+@pytest.mark.long
 def test_a_gap_is_closed_nearly_on_the_shortest_way():
     """A bob on a rod, 10 kg along x and 1 kg along z: off the closest place by the gap squared."""
     model, still = pin.Model(), pin.SE3.Identity()
@@ -369,6 +376,7 @@ def test_a_gap_is_closed_nearly_on_the_shortest_way():
     assert 3 < off[0] / off[1] < 5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("mu", [1.0, 1e3])
 @pytest.mark.parametrize(
     "scheme", [cp.simulation.PostStabilization(), cp.simulation.Projection()], ids=repr
@@ -383,6 +391,7 @@ def test_a_factor_that_closes_nothing_is_not_used(four_bar, scheme, mu):
         assert left < 2 * most + 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kept", ["position", "velocity"])
 def test_projection_of_one_level_leaves_the_other_alone(four_bar, kept):
     drift = cp.simulation.Projection(position=kept == "position", velocity=kept == "velocity")
@@ -391,6 +400,7 @@ def test_projection_of_one_level_leaves_the_other_alone(four_bar, kept):
     assert (s if kept == "position" else c) > 1e-5
 
 
+@pytest.mark.long
 def test_every_other_step_is_left_alone(four_bar):
     open_by = run(four_bar, cp.simulation.Projection(every=2)).constraint_velocity
     assert max(open_by[2::2]) <= 1e-10 < min(open_by[1::2])
@@ -416,6 +426,7 @@ def test_what_the_solver_leaves_behind_closes_as_well_as_a_factor_of_our_own(nam
         assert np.abs(read.look(0.0, *state))[:, level].max() < 1e-3 * before
 
 
+@pytest.mark.long
 def test_a_projected_velocity_has_no_more_energy(four_bar):
     system = System(cp.Workspace(four_bar))
     rng = np.random.default_rng(2)
@@ -427,6 +438,7 @@ def test_a_projected_velocity_has_no_more_energy(four_bar):
         assert after @ M @ after <= v @ M @ v
 
 
+@pytest.mark.long
 def test_a_state_within_tolerance_costs_no_further_solve(four_bar):
     q, v = four_bar.state()
     system, calls = System(cp.Workspace(four_bar)), []
@@ -438,6 +450,7 @@ def test_a_state_within_tolerance_costs_no_further_solve(four_bar):
     assert len(calls) == 1
 
 
+@pytest.mark.long
 def test_post_stabilisation_costs_no_solve_more(four_bar, monkeypatch):
     counts, numbers = [], []
     solve = System.solve
@@ -449,6 +462,7 @@ def test_post_stabilisation_costs_no_solve_more(four_bar, monkeypatch):
     assert numbers == [201, 201]  # 200 steps, and the last sample
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "drift",
     [
@@ -470,6 +484,7 @@ def test_forces_belong_to_their_sample(four_bar, drift, integrator):
         assert np.abs(trajectory.lam[k] - wanted).max() < 1e-3 * max(np.abs(wanted).max(), 1.0)
 
 
+@pytest.mark.long
 def test_a_robot_with_redundant_loops_stays_closed():
     """Cassie: slips of open loops contradict each other, so gaps are closed first."""
     for drift, most in (
@@ -483,6 +498,7 @@ def test_a_robot_with_redundant_loops_stays_closed():
         assert found.constraint_velocity.max() < most
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("drift", "most"),
     [(cp.simulation.PostStabilization(), 1e-15), (cp.Baumgarte(30.0, 30.0), 2.5e-12)],

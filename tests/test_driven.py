@@ -84,6 +84,7 @@ def test_what_a_drive_does_is_in_the_balance(driven):
     assert run.violation.max() < 1e-14
 
 
+@pytest.mark.long
 def test_the_free_four_bar_follows_under_the_torque_that_drove_it(driven, bar):
     """Without the drive, its torque as a motor's: the same motion."""
     q, v = driven.state()
@@ -164,6 +165,7 @@ def floating_box():
     return cp.Robot("box", model)
 
 
+@pytest.mark.long
 def test_a_point_is_moved_in_the_axes_of_the_second_frame():
     """By a ball loop: at s from it, and the force is on the first one."""
     path = Sine((0.2, 0.1, 0.3), (1.0, 2.0, 0.5), (0.0, 1.0, 2.0))
@@ -214,6 +216,7 @@ def test_a_gear_whose_offset_is_turned():
     assert answer.a == pytest.approx(np.array([0.5, -0.5]) * Sine(0.2)(t)[2], abs=1e-12)
 
 
+@pytest.mark.long
 def test_a_ball_on_a_belt_keeps_two_sevenths_of_its_speed():
     """From rest: (7/5) p'' = (2/5) u', u the speed of the belt."""
     ball = cp.model.rolling_ball(radius=0.1, mass=0.5)
@@ -344,6 +347,7 @@ def test_what_takes_no_path_says_so(driven, bar):
     assert cp.Scene(bar, bar.loops).at(0.3) == cp.Scene(bar, bar.loops)
 
 
+@pytest.mark.long
 def test_events_may_drive_and_let_go(driven, bar):
     free = cp.Scene(bar, bar.loops)
     release = cp.Event(name="release", at=0.1, scene=free)
@@ -375,6 +379,7 @@ def test_a_drive_takes_hold_at_its_speed(driven, bar):
     assert run.q[-1, 0] == pytest.approx(crank_at(driven, run.t[-1])[0], abs=1e-9)
 
 
+@pytest.mark.long
 def test_a_path_out_of_reach_ends_the_run(bar):
     """The rocker swings by less than a radian; the path asks for two."""
     far = Driven(HeldJoint("rocker", bar.postures["open"][2]), Sine(2.0, 0.5))
@@ -427,6 +432,7 @@ def test_a_path_that_jumps_is_said_to(driven):
     assert "cannot follow, or jumps: they are open by 0.3 m or rad" in run.reason
 
 
+@pytest.mark.long
 def test_an_action_of_a_driven_scene_is_its_step(driven):
     with pytest.raises(cp.errors.UnsupportedConstraint, match=r"crank.*scene\.at\(t\)"):
         cp.layers.Action(driven, 0.01)
@@ -448,6 +454,7 @@ def a_five_bar_with_one_crank_driven(*motors):
     return cp.Scene(some, [*bar.loops, motor]), free, float(home)
 
 
+@pytest.mark.long
 def test_motors_and_paths_make_a_state():
     """c(q) = s(t) and J v = s'(t): as of a free five-bar whose other motor is where the path is."""
     scene, free, home = a_five_bar_with_one_crank_driven("right_motor")
@@ -459,6 +466,7 @@ def test_motors_and_paths_make_a_state():
     assert found.undetermined == found.conflicting == 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("t", [0.0, 0.2, 0.45, 0.9])
 def test_motors_that_no_path_moves_are_at_rest_by_default(t):
     scene, free, home = a_five_bar_with_one_crank_driven("right_motor")
@@ -490,6 +498,7 @@ def test_a_belt_says_nothing_of_where_anything_is():
         complete_state(scene.at(0.0), [0.0, 0.0, 1.0, 0.0])
 
 
+@pytest.mark.long
 def test_a_path_of_your_own_is_saved_by_its_name(driven, tmp_path):
     @dataclass(frozen=True)
     class Ramp(Path):
@@ -541,6 +550,7 @@ def test_an_impact_that_a_drive_gives_to_says_so(driven):
     assert f"{-found.energy_lost:.4g} J more than 0 J" in repr(found)
 
 
+@pytest.mark.long
 def test_a_scene_at_another_time_is_not_measured_again(driven):
     free = replace(driven)
     for t in (0.1, 0.2):
@@ -551,6 +561,7 @@ def test_a_scene_at_another_time_is_not_measured_again(driven):
         assert touching.at(t).bilateral.nominal is touching.at(0.0).nominal
 
 
+@pytest.mark.long
 def test_a_path_that_begins_out_of_reach_is_measured_where_it_is_in(bar):
     """At t = 0 the rocker would be 2 rad away; at t = 1 it is where it can be."""
     rocker = float(bar.postures["open"][2])
@@ -564,6 +575,7 @@ def test_a_path_that_begins_out_of_reach_is_measured_where_it_is_in(bar):
     assert v[2] == pytest.approx(2.0, abs=1e-9)
 
 
+@pytest.mark.long
 def test_what_starts_at_the_nominal_state_starts_at_its_time():
     """Where the scene has been measured at t = 0 before, and where it has not."""
     scene, _free, home = a_five_bar_with_one_crank_driven("left_motor", "right_motor")

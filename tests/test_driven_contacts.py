@@ -75,6 +75,7 @@ def test_a_plate_pushes_a_box_with_friction(scheme):
     assert np.abs(run.energy.error).max() < share * run.energy.driven[-1] + 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_motor_feels_the_friction_of_what_it_moves(scheme):
     """G is zero along a driven row, and the contact slides there all the same."""
@@ -105,6 +106,7 @@ def test_a_plate_that_slows_down_lets_the_box_slide_on(scheme):
     assert errors[1] < 0.6 * errors[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_driven_four_bar_with_dry_friction_in_its_rocker(scheme):
     """G is zero: the rocker goes where the crank takes it, and takes what friction does off it."""
@@ -135,6 +137,7 @@ def test_a_path_into_a_wall_is_refused_there(scheme):
     assert "neither can move away" in run.reason
 
 
+@pytest.mark.long
 def test_a_batch_moves_as_single_motions_do():
     scene = pushing(Polynomial((0.0, 0.0, 1.5)))
     q, v = np.zeros((2, 3)), np.zeros((2, 3))
@@ -145,6 +148,7 @@ def test_a_batch_moves_as_single_motions_do():
         assert np.array_equal(batch[i].q, run.q)
 
 
+@pytest.mark.long
 def test_event_driven_pushes_a_box_to_rounding():
     """s = a t^2 / 2, as above, with no error of a step."""
     a, T = 3.0, 0.5
@@ -160,6 +164,7 @@ def test_event_driven_pushes_a_box_to_rounding():
     assert np.abs(run.energy.error).max() < 1e-12
 
 
+@pytest.mark.long
 def test_event_driven_locates_where_the_box_stops():
     v = 2.0
     scene = pushing(Polynomial((0.0, v, -3.0)))
@@ -188,6 +193,7 @@ def test_the_work_of_a_motor_in_an_impact_is_part_of_the_balance():
     assert np.abs(run.energy.error).max() < 1e-11
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("record", [1, 7])
 @pytest.mark.parametrize("path", [Polynomial((0.0, 2.0)), Sine(0.3, 1.0)])
 @pytest.mark.parametrize("scheme", SCHEMES)
@@ -227,6 +233,7 @@ def test_what_a_motor_did_stays_in_the_balance_when_it_lets_go(tmp_path):
     assert np.array_equal(again.contact.codes, run.contact.codes)
 
 
+@pytest.mark.long
 def test_a_batch_books_what_motors_do(tmp_path, engine):
     """m V^2 of a plate that meets a box, in place of lam . s' at samples."""
     scene = pushing(Polynomial((0.0, 2.0)))
@@ -241,6 +248,7 @@ def test_a_batch_books_what_motors_do(tmp_path, engine):
     assert np.array_equal(again[0].energy.driven, batch[0].energy.driven)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("path", [Polynomial((0.0, 2.0)), Sine(0.1, 3.0)])
 def test_friction_turns_where_a_driven_body_does(path):
     """G is zero, at a constant speed too; a reversal is an event, behind which the force is new."""
@@ -289,6 +297,7 @@ def test_a_driven_four_bar_with_dry_friction_needs_the_torque_of_inverse_dynamic
     assert np.abs(run.energy.error).max() < 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_one_step_of_a_plate_that_pushes_a_box(scheme):
     """The velocity of StewartTrinkle is that of the middle of the step before."""
@@ -306,6 +315,7 @@ def test_one_step_of_a_plate_that_pushes_a_box(scheme):
     assert max(found.constraint_error, found.violation, found.dynamics_error) < 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_steps_one_by_one_are_those_of_a_motion(scheme):
     scene, dt = driven_bar(Sine(0.4, 0.7)), 1e-3
@@ -361,6 +371,7 @@ def test_event_driven_ends_at_a_wall():
     assert "neither can move away" in run.reason
 
 
+@pytest.mark.long
 def test_the_work_in_an_impact_is_in_the_file(tmp_path):
     scene = pushing(Polynomial((0.0, 2.0)))
     run = cp.simulate(

@@ -74,6 +74,7 @@ def test_a_five_bar_with_one_crank_driven_needs_what_inverse_dynamics_says(stric
     assert found.torques[first] == pytest.approx(0.0, abs=1e-3)  # it would work against the drive
 
 
+@pytest.mark.long
 def test_a_motion_under_a_controller_follows_its_path_and_its_task():
     scene = cp.Scene(carried(), [Driven(HeldJoint("cart"), PATH)])
     law = Controller(scene, [JointTask("arm", reference=0.2, kp=100.0)], cones={})
@@ -87,6 +88,7 @@ def test_a_motion_under_a_controller_follows_its_path_and_its_task():
     assert run.q[-1, 1] == pytest.approx(0.2, abs=1e-4)
 
 
+@pytest.mark.long
 def test_limits_that_a_path_does_not_leave_room_for_are_named():
     """The arm would need 40 N m to stay; a motor with 5 N m says so."""
     scene = cp.Scene(carried(effort=5.0), [Driven(HeldJoint("cart"), Polynomial((0.0, 0.0, 15.0)))])
@@ -105,6 +107,7 @@ def test_a_scene_at_one_time_is_refused():
         Controller(scene.at(0.2), [Posture()], cones={})
 
 
+@pytest.mark.long
 def test_what_is_about_a_robot_at_rest_refuses_a_drive():
     solo = cp.load_robot("solo12")
     feet = [cp.PointContact(name) for name in ("FL_FOOT", "FR_FOOT", "HL_FOOT")]

@@ -161,6 +161,7 @@ def test_a_motion_with_a_driven_plate(route):
     assert back.q == pytest.approx(np.concatenate((y, y)) @ found.dx_dx[:, :3], abs=1e-12)
 
 
+@pytest.mark.long
 def test_steps_of_a_batch_have_the_derivatives_of_one():
     s, rate, _ = np.ravel(PATHS[0](T))
     scene = pushing(PATHS[0]).at(T)
@@ -171,6 +172,7 @@ def test_steps_of_a_batch_have_the_derivatives_of_one():
     assert np.array_equal(batch.dv[0], one.matrices[1])
 
 
+@pytest.mark.long
 def test_layers_take_driven_scenes_from_their_time_on():
     torch = pytest.importorskip("torch")
     from condyn_pin.layers import torch_simulate, torch_step

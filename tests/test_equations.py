@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pinocchio as pin
+import pytest
 from shared import all_scenes, each_scene, relative, states
 
 import condyn_pin as cp
@@ -100,6 +101,7 @@ def test_mass_matrix_is_symmetric_and_gives_the_inverse_dynamics(label):
     assert relative(t.M @ a + t.h, tau, 1.0) < 1e-13
 
 
+@pytest.mark.long
 @each_scene
 def test_errors_equal_the_assembled_residuals(label):
     """For any a and lam, not only for an answer."""
@@ -117,6 +119,7 @@ def test_errors_equal_the_assembled_residuals(label):
         assert abs(found - wanted) <= 1e-12 * max(wanted, 1.0)
 
 
+@pytest.mark.long
 @each_scene
 def test_terms_are_owned(label):
     eq = equations(label)

@@ -145,6 +145,7 @@ def test_a_box_on_a_slope(friction: float) -> None:
         assert_allclose(a, 2.35629, atol=5e-6)
 
 
+@pytest.mark.long
 def test_a_box_goes_up_a_slope_and_comes_back() -> None:
     scene, q = box_scene(0.3, pi / 6)
     v = np.array([1.0, 0, 0, 0, 0, 0])
@@ -229,6 +230,7 @@ def test_slip_that_turns_comes_to_its_end(slope: float) -> None:
         assert np.abs(run.energy.error).max() < 1e-5
 
 
+@pytest.mark.long
 def test_a_cradle_obeys_newtons_law_of_impact() -> None:
     model = pin.Model()
     for i in range(3):
@@ -316,6 +318,7 @@ def test_robots_that_fall_slip_and_leave_the_floor() -> None:
     assert_allclose(runs[0].q[-1], runs[1].q[-1], atol=2e-6)
 
 
+@pytest.mark.long
 def test_a_box_tumbles_to_rest() -> None:
     box = free_box(size=(0.2, 0.12, 0.08))
     scene = cp.Scene(box, contacts=[FrictionalContact("box", Box(0.1, 0.06, 0.04), friction=0.5)])
@@ -329,6 +332,7 @@ def test_a_box_tumbles_to_rest() -> None:
     assert np.abs(run.energy.error).max() < 1e-6
 
 
+@pytest.mark.long
 def test_events_of_the_user_and_of_contacts() -> None:
     scene, q = bouncing()
 
@@ -346,6 +350,7 @@ def test_events_of_the_user_and_of_contacts() -> None:
     assert_allclose(run.energy.contact[-1], -0.36 * G * 0.5, rtol=1e-12)
 
 
+@pytest.mark.long
 def test_files_and_batches_keep_them(tmp_path: Path) -> None:
     scene, q = bouncing()
     run = cp.simulate(scene, q, np.zeros(6), duration=1.0, dt=0.02, integrator=LOCATED)
@@ -361,6 +366,7 @@ def test_files_and_batches_keep_them(tmp_path: Path) -> None:
     assert_allclose(batch.q, [run.q[-1]] * 2, atol=1e-13)
 
 
+@pytest.mark.long
 def test_rows_of_contacts_change_as_their_drift_says() -> None:
     robot, rng = cp.load_robot("solo12"), np.random.default_rng(0)
     tilted, h = Plane((0.3, 0.2, 1.0), 0.05), 1e-3
@@ -388,6 +394,7 @@ def test_rows_of_contacts_change_as_their_drift_says() -> None:
         assert_allclose(candidates.drift(data), change, atol=1e-9)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e200])
 def test_what_is_not_finite_ends_the_run(bad: float) -> None:
     scene, q = bouncing()

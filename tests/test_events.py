@@ -81,6 +81,7 @@ def test_a_blow_at_a_time_happens_once(at, goes_on):
     assert found.run.happened[0].energy_lost == pytest.approx(lost)
 
 
+@pytest.mark.long
 def test_lift_off_when_the_force_ends():
     """Pulled up harder and harder: the ground lets go at its weight."""
     air, floor = falling()
@@ -117,6 +118,7 @@ def test_a_contact_that_pulls_is_told(contact, words):
     assert cp.simulate(*start, **run, events=[off]).notices == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("floor_at", np.linspace(0.1, 1.3, 5))  # rounded up, or down
 def test_what_lets_go_of_the_ground_lands_again(floor_at):
     """The floor lets a ball go that has no way but down: it is on the floor at once."""
@@ -132,6 +134,7 @@ def test_what_lets_go_of_the_ground_lands_again(floor_at):
     assert np.abs(found.q[:, 0] - floor_at).max() < 1e-8
 
 
+@pytest.mark.long
 def test_scenes_with_the_same_constraints_are_one():
     """Neither the start nor an event has to be the same object: a foot that is off has no force."""
     air, floor = falling()
@@ -140,6 +143,7 @@ def test_scenes_with_the_same_constraints_are_one():
     assert names(cp.simulate(air, [0.1], [0.0], duration=0.3, events=[touch, lift])) == ["touch"]
 
 
+@pytest.mark.long
 def test_events_at_a_time_and_the_end():
     air, _ = falling()
     floor = cp.Scene(air.robot, [cp.constraints.PlanarContact("origin")])
@@ -168,6 +172,7 @@ def test_events_of_one_instant_all_happen(integrator, at):
     assert found.t[-1] == at
 
 
+@pytest.mark.long
 def test_two_feet_that_land_together_both_stay():
     """Two balls fall side by side, each with an event of its own; none takes the other's off."""
     model = pin.Model(body(pin.JointModelPZ()).model)
@@ -189,6 +194,7 @@ def test_two_feet_that_land_together_both_stay():
         assert np.abs(found.q[-1]).max() < 1e-9
 
 
+@pytest.mark.long
 def test_contacts_that_stay_keep_their_place():
     solo = robot("solo12")
     feet = solo.contacts
@@ -202,6 +208,7 @@ def test_contacts_that_stay_keep_their_place():
     assert found.violation.max() < 1e-6
 
 
+@pytest.mark.long
 def test_a_contact_that_lands_again_has_another_place():
     """A ball is let go, falls by 12 mm, and is held again where it is then."""
     ball = body(pin.JointModelTranslation())
@@ -231,6 +238,7 @@ def test_a_moment_knows_where_frames_are_and_how_fast():
         assert a == pytest.approx(-G / 2 * s)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("turned", [False, True])
 def test_a_contact_of_another_kind_may_keep_its_name(turned):
     """A heel, and then the whole foot: the force is as wide as the widest."""
@@ -253,6 +261,7 @@ def test_an_event_that_another_of_its_instant_undoes_is_told():
     assert "off did not happen: its scene went on at t = 0.1 s" in said
 
 
+@pytest.mark.long
 def test_events_that_do_not_happen_are_told(tmp_path):
     scene, q, v = bar()
     events = [
@@ -271,6 +280,7 @@ def test_events_that_do_not_happen_are_told(tmp_path):
     assert cp.Trajectory.load(tmp_path / "run.npz").run.missed == found.run.missed
 
 
+@pytest.mark.long
 def test_what_an_event_with_the_scene_of_another_does():
     """Nothing while its scene goes on, which is told, and its part once it does not."""
     air, floor = falling()
@@ -298,6 +308,7 @@ def test_what_an_event_with_the_scene_of_another_does():
 # What ends a run, and what is refused.
 
 
+@pytest.mark.long
 def test_a_scene_that_does_not_fit_ends_the_run():
     air, floor = falling()
     early = cp.Event(name="floor", at=0.1, scene=floor)
@@ -308,6 +319,7 @@ def test_a_scene_that_does_not_fit_ends_the_run():
     assert found.t[-1] == pytest.approx(0.1)
 
 
+@pytest.mark.long
 def test_an_impact_that_tears_apart_what_goes_on_is_refused():
     """A bob on a hinge, struck by a floor that does not know of its loop."""
     scene, q, v = bar()
@@ -334,6 +346,7 @@ def test_a_condition_on_a_contact_that_is_off_is_named():
         cp.simulate(air, [0.1], [0.0], duration=0.3, events=[misspelt])
 
 
+@pytest.mark.long
 def test_a_condition_cannot_write_to_the_state():
     def moves(moment):
         moment.q[0] = 5.0

@@ -48,6 +48,7 @@ def scene_for(family):
     return all_scenes()["four_bar loops"] if family.any_scene else None
 
 
+@pytest.mark.long
 @each_family
 def test_family_is_a_dial_that_repeats_itself(name):
     family = EXTREMES[name]
@@ -246,6 +247,7 @@ def two_limbs() -> cp.Robot:
     return cp.Robot("two limbs", model, precision=0.0)
 
 
+@pytest.mark.long
 def test_every_kind_is_put_into_other_units_below():
     kinds = {k for k in kinds_below(cp.constraints.Constraint) if not k.__abstractmethods__}
     ours = {k for k in kinds if k.__module__.startswith("condyn_pin")}
@@ -287,6 +289,7 @@ def test_a_field_of_unknown_unit_is_refused():
         UNITS.scene(cp.Scene(two_limbs(), [winch]))
 
 
+@pytest.mark.long
 def test_torques_and_speeds_are_as_large_as_their_dials_say():
     talos = Memory().scene("talos")
     for severity in (0.0, 1.0, 1e4, 1e8):
@@ -304,6 +307,7 @@ def test_what_nothing_moves_is_refused_by_the_names_of_its_joints(family, severi
         EXTREMES[family].case(severity)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "solver", [cp.Proximal(), cp.dynamics.NullSpace(), cp.dynamics.ConjugateGradient()]
 )
@@ -329,6 +333,7 @@ def test_a_row_that_is_only_rounding_is_no_row(solver, severity):
         pytest.fail(f"{solver} is right at {severity} and does not say so")
 
 
+@pytest.mark.long
 @pytest.mark.values
 @pytest.mark.parametrize("mu", [1e-3, 1e-4, 1e-5, 1e-6])
 @pytest.mark.parametrize("seed", range(6))
@@ -341,6 +346,7 @@ def test_a_force_along_a_row_that_does_not_count_is_an_error(mu, seed):
     assert not solution.status.ok or error <= 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "solver", [cp.Proximal(), cp.dynamics.NullSpace(), cp.dynamics.Reference()]
 )
@@ -356,6 +362,7 @@ def test_a_loose_quaternion_is_seen_in_the_bound(solver, robot):
         assert not solution.status.ok or error <= 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 @pytest.mark.parametrize("severity", [1e6, 1e-6])
 def test_mass_ratio_of_a_million_is_right_and_said_to_be(severity, seed):
@@ -376,6 +383,7 @@ def test_gaps_close_as_their_map_says_and_stronger_gains_are_refused_with_the_li
     assert error < 1e-6
 
 
+@pytest.mark.long
 def test_a_run_that_does_not_follow_the_map_is_no_right_one():
     """Half the gains are another motion, and gains that nobody refuses make gaps grow."""
     case = EXTREMES["wall"].case(0.5, 0, scene_for(EXTREMES["wall"]))
@@ -391,18 +399,21 @@ def test_a_run_that_does_not_follow_the_map_is_no_right_one():
         assert (np.abs(values).max() > 1.0) == grows
 
 
+@pytest.mark.long
 def test_what_takes_gigabytes_is_left_out_where_time_is_limited():
     light = {repr(task) for task in tasks(heavy=False)}  # a severity of nan equals no other
     heavy = {(t.family, t.severity) for t in tasks() if repr(t) not in light}
     assert heavy == {("straight_chain", 400.0), ("bent_chain", 400.0)}
 
 
+@pytest.mark.long
 @each_scene
 def test_usual_scenes_are_judged_without_a_second_look(label):
     """The careful proof takes a factorisation: no robot pays for it at every solve."""
     assert all_scenes()[label].nominal.estimator.negligible_constraint_error > 0.0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", ["four_bar loops", "talos contacts"])
 def test_reference_scales_what_would_overflow(label):
     scene, (q, v, tau) = all_scenes()[label], states(label)[0]
@@ -413,6 +424,7 @@ def test_reference_scales_what_would_overflow(label):
     assert np.abs(huge.a * 2.0**-1000 - wanted).max() < 1e-11 * np.abs(wanted).max()
 
 
+@pytest.mark.long
 def test_singular_and_overflowing_comes_without_a_warning():
     """Warnings are errors here."""
     scene, (q, _, tau) = all_scenes()["four_bar loops"], states("four_bar loops")[0]
@@ -420,6 +432,7 @@ def test_singular_and_overflowing_comes_without_a_warning():
     assert solution.status is cp.Status.SINGULAR
 
 
+@pytest.mark.long
 def test_broken_solvers_are_found_and_do_not_stop_the_run():
     """They are known to the other process alone."""
     todo = [Task("strong", 1.0, 0, "four_bar"), Task("strong", 0.0, 0, "four_bar")]
@@ -440,6 +453,7 @@ def test_broken_solvers_are_found_and_do_not_stop_the_run():
     ]
 
 
+@pytest.mark.long
 @pytest.mark.once  # tables, words and processes
 def test_a_script_without_a_guard_is_told_so(tmp_path):
     script = tmp_path / "script.py"
@@ -454,6 +468,7 @@ def test_a_script_without_a_guard_is_told_so(tmp_path):
     assert 'if __name__ == "__main__":' in last
 
 
+@pytest.mark.long
 @pytest.mark.once  # tables, words and processes
 def test_a_module_that_cannot_be_imported_is_no_fault_of_a_method():
     todo = [Task("strong", 1.0, 0, "four_bar")]
@@ -462,6 +477,7 @@ def test_a_module_that_cannot_be_imported_is_no_fault_of_a_method():
     assert caught.value.done == []
 
 
+@pytest.mark.long
 def test_time_is_kept_and_every_family_comes_early():
     todo = mixed(tasks())
     assert sorted(map(repr, todo)) == sorted(map(repr, tasks()))
@@ -469,6 +485,7 @@ def test_time_is_kept_and_every_family_comes_early():
     assert stress(todo, ["reference"], seconds=0.0) == []
 
 
+@pytest.mark.long
 def test_unknown_names_are_refused():
     with pytest.raises(cp.errors.UnknownName, match="parallelogram"):
         tasks(["paralelogram"])
@@ -476,6 +493,7 @@ def test_unknown_names_are_refused():
         methods(["proximl"])
 
 
+@pytest.mark.long
 @pytest.mark.once  # tables, words and processes
 def test_committed_table_has_every_case_and_no_defect():
     rows = read_csv(RESULTS / "stress_solvers.csv")
@@ -539,6 +557,7 @@ def test_wide_masses_are_known_to_fifty_digits():
             assert judge(case, solver, case.right)[0] is Verdict.OK
 
 
+@pytest.mark.long
 @pytest.mark.once  # tables, words and processes
 def test_maps_count_and_advise():
     memory = Memory()
@@ -559,6 +578,7 @@ def test_maps_count_and_advise():
     assert maps(outcomes[::-1])[0].severities == EXTREMES["parallelogram"].severities
 
 
+@pytest.mark.long
 def test_advice_lists_the_runs_of_a_dial():
     """A span from end to end hides what is between."""
     dial = (1.0, 0.1, 1e-4, 1e-8, 0.0, math.nan)
@@ -581,6 +601,7 @@ def test_advice_lists_the_runs_of_a_dial():
     )
 
 
+@pytest.mark.long
 @each_row(
     ("number", "text"),
     [(0.0, "0"), (1e-4, "1e-4"), (0.01, "0.01"), (12.0, "12"), (1e4, "1e4"), (0.828, "0.828"),
@@ -590,6 +611,7 @@ def test_severities_are_written_shortly(number, text):
     assert short(number) == text
 
 
+@pytest.mark.long
 @pytest.mark.once  # tables, words and processes
 def test_command_prints_advice_and_counts_and_draws(tmp_path):
     plot, table = tmp_path / "s.png", tmp_path / "s.csv"
@@ -609,6 +631,7 @@ def test_command_prints_advice_and_counts_and_draws(tmp_path):
     assert len(read_csv(table)) == len(EXTREMES["few_iterations"].severities)
 
 
+@pytest.mark.long
 def test_a_robot_that_does_not_exist_is_no_refusal():
     line = ["stress", "nope", "--solver", "proximal", "--families", "few_iterations"]
     result = CliRunner().invoke(app, line)
@@ -616,6 +639,7 @@ def test_a_robot_that_does_not_exist_is_no_refusal():
     assert "no robot named 'nope'" in str(result.exception)
 
 
+@pytest.mark.long
 def test_severities_are_numbers_that_can_be_written():
     for family in EXTREMES.values():
         for severity in family.severities:

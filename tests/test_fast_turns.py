@@ -128,6 +128,7 @@ def test_every_verb_of_steps_refuses_what_simulate_refuses(scheme, spin):
     assert "turns by" in many.reasons[0]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", SCHEMES, ids=lambda each: each.title)
 def test_a_ball_alone_may_turn_by_nearly_a_turn(scheme):
     """It flies on, and so do its derivatives; from 1.9 pi on it is refused as others are."""
@@ -181,6 +182,7 @@ def test_a_planar_body_is_a_ball_unless_an_armature_turns_with_it():
     assert "joint 'body' turns by 5.5 rad" in geared.reason
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "contact",
     [
@@ -193,6 +195,7 @@ def test_a_ball_with_a_contact_off_its_centre_is_as_other_bodies(contact):
     assert "turns by 4.5 rad" in cp.step(scene, q, v, dt=0.01, throw=False).notices[0]
 
 
+@pytest.mark.long
 def test_a_ball_on_a_point_is_as_other_bodies():
     scene = cp.Scene(cp.model.free_ball(), [cp.PointContact("ball")])
     q, v = scene.state()
@@ -220,6 +223,7 @@ def test_a_substep_that_leads_to_no_number_is_tried_smaller(method):
     assert found.q[-1, 0] == pytest.approx(9e-3 * np.sin(100.0), abs=1e-7)
 
 
+@pytest.mark.long
 def test_where_no_substep_is_small_enough_the_text_says_what_it_met():
     def ends(t, q, v):
         return np.array([1.0 if t < 0.5 else np.inf])
@@ -233,6 +237,7 @@ def test_where_no_substep_is_small_enough_the_text_says_what_it_met():
     assert "at t = 0.5 s: tau(0.5, q, v)[0] = inf" in found.reason
 
 
+@pytest.mark.long
 def test_advice_fits_a_scene_without_rows():
     with pytest.raises(cp.SolveFailed, match="there are no constraints") as caught:
         cp.solve(slider(1e-10), [0.0], [0.0], [1e300])

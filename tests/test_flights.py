@@ -70,6 +70,7 @@ def test_a_disc_in_a_plane_flies_as_fast_as_without_spin(name):
     assert np.abs(run.q[-1, :2] - q[:2] - 0.6 * start - [0, -0.18 * G]).max() < 1e-10
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["rungekutta4", "stormerverlet", "eventdriven", "moreau"])
 @given(spin=st.tuples(*3 * [st.floats(-150, 150)]), dt=st.sampled_from([0.01, 0.005, 0.003]))
 @settings(max_examples=15, deadline=None)
@@ -111,6 +112,7 @@ def test_a_ball_rolls_down_a_ramp_by_large_steps(inner):
     assert "turns by 4.14 rad in a step of 0.02 s, right for a ball" in "".join(run.notices)
 
 
+@pytest.mark.long
 def test_a_time_stepping_scheme_rolls_on_beyond_half_a_turn():
     scene, q, v, down = on_a_ramp(0.3, 0.05)
     run = cp.simulate(scene, q, v, duration=5.0, dt=0.02)
@@ -130,6 +132,7 @@ def test_a_spinning_ball_hits_when_it_falls(spin, height, dt):
     assert run.run.happened[0].t == pytest.approx(wanted, rel=1e-12)
 
 
+@pytest.mark.long
 def test_friction_of_a_ball_that_spins_fast_takes_what_the_ball_loses():
     """4 rad in a step: work over each is that of the way the ball takes, not of the short one."""
     scene, q, v, _ = on_a_ramp(0.0, 0.05)
@@ -176,12 +179,14 @@ def test_a_box_that_tumbles_keeps_the_order_of_its_method(name):
     assert np.log2(errors[0] / errors[1]) > order - 0.3
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["expliciteuler", "semiimpliciteuler"])
 def test_a_box_that_tumbles_keeps_order_one(name):
     errors = [np.abs(ends(INTEGRATORS[name](), dt) - truth()).max() for dt in (5e-4, 2.5e-4)]
     assert np.log2(errors[0] / errors[1]) > 0.8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "kept"), [("rungekutta4", 2e-5), ("implicitmidpoint", 2e-3)])
 def test_a_long_tumble_keeps_its_energy(name, kept):
     """20 s, some 60 turns, without weight and with it."""
@@ -196,6 +201,7 @@ def test_a_long_tumble_keeps_its_energy(name, kept):
         assert np.abs(moved).max() < 1e-8
 
 
+@pytest.mark.long
 def test_a_rigid_damper_stops_the_velocity_that_a_step_ends_with():
     """Of a base that spins: the damper's row is that of velocities in axes that stand still."""
     box = cp.model.free_box(size=(0.3, 0.2, 0.1))
@@ -217,6 +223,7 @@ def test_a_rigid_damper_stops_the_velocity_that_a_step_ends_with():
 # the coordinates of a step --------------------------------------------------------------------
 
 
+@pytest.mark.long
 @given(
     theta=st.tuples(*3 * [st.floats(-3.3, 3.3)]), w=st.tuples(*3 * [st.floats(-5, 5)]),
     x=st.tuples(*3 * [st.floats(-1, 1)]),

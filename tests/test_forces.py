@@ -164,6 +164,7 @@ def test_newtons_third_law(kind, order):
     assert np.allclose(data.dhg.linear, outer, atol=1e-9)
 
 
+@pytest.mark.long
 def test_a_ball_that_is_open_acts_at_each_bodys_own_point():
     made = replace(two_boxes(), precision=0.0)  # wide open: the rows at their word
     scene = cp.Scene(made, [cp.Loop("one_corner", "two_corner", name="it")])
@@ -193,6 +194,7 @@ def test_a_coupling_acts_along_joints():
     assert solution.world_forces == {}
 
 
+@pytest.mark.long
 def test_a_force_works_as_the_array_of_its_numbers():
     force = hung(cp.SurfaceContact("hook"))
     numbers = np.asarray(force)
@@ -259,6 +261,7 @@ def test_a_contact_that_pulls_is_noticed():
     assert "one of them pulls with " in said
 
 
+@pytest.mark.long
 def test_a_loop_may_pull_and_a_wall_may_push_sideways():
     """Loops are no contacts; a plane knows its normal; without gravity a point has none."""
     made = box()
@@ -280,6 +283,7 @@ def test_a_loop_may_pull_and_a_wall_may_push_sideways():
         assert bool(solution.notices) == noticed
 
 
+@pytest.mark.long
 def test_the_solve_itself_computes_no_force():
     """They are found when asked for."""
     scene, state = all_scenes()["talos contacts"], states("talos contacts")[0]
@@ -330,6 +334,7 @@ def test_a_load_outside_of_the_legs_pulls_however_it_is_shared():
     assert f"{least:.4g} N at t = 0 s or more" in said
 
 
+@pytest.mark.long
 def test_three_legs_are_determined():
     scene = table(0.9, 0.9)
     three = cp.Scene(scene.robot, scene.constraints[1:])

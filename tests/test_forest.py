@@ -91,6 +91,7 @@ def test_arrays_of_another_size_are_refused():
             forest.rnea(MODEL, forest, *wrong)
 
 
+@pytest.mark.long
 def test_what_trees_share_is_no_forest():
     """One tree is none, however large it is, nor are small models."""
     assert not models.is_forest(cp.model.chain(120).model)
@@ -160,6 +161,7 @@ print(int(status.partition("VmHWM:")[2].split()[0]) / 1024)
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not Path("/proc/self/status").exists(), reason="memory is read from /proc")
 def test_free_bodies_take_no_memory_by_the_cube():
     """Sixty balls: a pin.Data alone would take 1.5 GB."""
@@ -168,6 +170,7 @@ def test_free_bodies_take_no_memory_by_the_cube():
     assert float(answer.stdout) < 400  # [MB], with the interpreter
 
 
+@pytest.mark.long
 def test_a_whole_model_that_is_too_large_is_refused_before(monkeypatch):
     monkeypatch.setattr(models, "available_memory", lambda: 1e8)
     with pytest.raises(InvalidModel, match=r"take 0.34 GB, more than .* \(0.1 GB\)"):

@@ -235,6 +235,7 @@ def test_dampings_of_joints_that_turn_together_are_a_combination():
 # Bounds, losses, and where joints are.
 
 
+@pytest.mark.long
 def test_friction_does_not_get_negative():
     scene, log, _ = pushed_box()
     found = fit(scene, replace(log, a=-log.a), ["box/friction"])  # it speeds up as it slides
@@ -244,6 +245,7 @@ def test_friction_does_not_get_negative():
     assert "at its bound: box/friction" in str(found)
 
 
+@pytest.mark.long
 def test_outliers_count_less_with_another_loss():
     scene, wanted, log = four_bar()
     noisy = log(np.random.default_rng(0))
@@ -285,6 +287,7 @@ def test_places_of_joints_and_centres_of_mass():
     np.testing.assert_allclose(again.estimate, model.inertias[rocker].lever[0], rtol=1e-8)
 
 
+@pytest.mark.long
 def test_a_fit_that_is_cut_short_is_not_ok():
     scene, wanted, log = four_bar()
     found = fit(scene, log(None), list(wanted), iterations=1)

@@ -111,6 +111,7 @@ def test_energy_never_grows(label, seed, e, log_speed):
         assert met.energy_after == pytest.approx(met.energy_before, rel=1e-9)
 
 
+@pytest.mark.long
 @given(
     seed=st.integers(0, 2**32 - 1),
     each=st.tuples(*4 * [st.floats(0.0, 1.0)]),
@@ -146,6 +147,7 @@ def test_redundant_rows_cannot_rebound_differently():
         cp.impact(scene, q, v, restitution={scene.names[0]: 0.5})
 
 
+@pytest.mark.long
 @each_row("seed", range(3))
 def test_what_is_at_rest_already_has_nothing_to_rebound(seed):
     """Its rounding was taken for rows that rebound differently."""
@@ -175,6 +177,7 @@ def test_driven_rows_that_contradict_each_other_are_refused():
         cp.impact(pulled(1.0, 2.0), still, still)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [1e160, 1e200])
 def test_a_velocity_whose_energy_is_no_number_is_refused(size):
     slide = body_on_a_slide()
@@ -190,6 +193,7 @@ def body_on_a_slide() -> cp.Robot:
     return cp.Robot("slide", model)
 
 
+@pytest.mark.long
 def test_loops_stay_closed_while_feet_land():
     """Pinocchio's own impulse dynamics leaves the loops open: it ignores their second body."""
     scene = all_scenes()["cassie loops + contacts"]
@@ -361,6 +365,7 @@ def test_answers_pickle_and_refuse():
             call()
 
 
+@pytest.mark.long
 def test_without_constraints_nothing_happens():
     talos = robot("talos")
     v = np.random.default_rng(0).normal(size=38)

@@ -205,6 +205,7 @@ def test_a_box_in_a_slot_goes_as_far_as_without_walls(turn, dt):
     assert notice.startswith("from t = 0 s, in ")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", [cp.StewartTrinkle(), cp.Moreau(), EventDriven()], ids=str)
 def test_a_point_between_floor_and_roof(integrator):
     """It slides by v^2 / (2 mu g), as on the floor alone, whatever the scheme."""
@@ -213,6 +214,7 @@ def test_a_point_between_floor_and_roof(integrator):
     assert any(SAID in each for each in run.notices)
 
 
+@pytest.mark.long
 def test_what_does_not_move_is_not_spoken_of():
     """Wedged at rest, or with play: one motion, and no word."""
     for scene, q, v in (slot(0.3, speed=0.0), slot(0.3, play=1e-4), block(height=1e-4)):
@@ -222,6 +224,7 @@ def test_what_does_not_move_is_not_spoken_of():
         assert after.contact.could_hold == ()
 
 
+@pytest.mark.long
 def test_a_floor_alone_is_determined_without_a_word():
     for spin in (0.0, 2.0):
         after = cp.step(*spinning(spin), dt=1e-3)
@@ -233,6 +236,7 @@ def test_a_floor_alone_is_determined_without_a_word():
     assert cp.step(scene, q, v, dt=1e-3).contact.unique_motion is True
 
 
+@pytest.mark.long
 def test_a_row_that_nothing_moves_has_no_force():
     """One tip of a plane rod is no redundant contact; four corners of a box are."""
     rod = cp.model.painleve_rod(length=1.0, mass=1.0)
@@ -245,6 +249,7 @@ def test_a_row_that_nothing_moves_has_no_force():
     assert any("redundant" in each for each in resting.notices)
 
 
+@pytest.mark.long
 def test_one_body_is_judged_the_same_beside_any_other():
     """A microgramme beside a kilogramme: status and velocity are those of it alone."""
     light = cp.model.free_box(mass=1e-9, size=(0.2, 0.2, 0.2))
@@ -275,6 +280,7 @@ def test_slopes_of_what_is_left_open_are_flagged():
     assert any(SAID in each for each in chain.notices)
 
 
+@pytest.mark.long
 def test_slopes_of_the_rule_are_those_of_its_motion():
     """By differences of the step itself, by friction of all corners."""
     h = 1e-4
@@ -325,6 +331,7 @@ def test_a_body_is_pushed_until_the_other_wall_touches():
     assert run.gaps["right"][-1] == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.long
 def test_a_body_far_in_the_ground_is_pushed_out_slowly():
     """20 mm deep: at 0.2 m/s, whatever dt is, and thrown up by no more than that brings."""
     ball = cp.model.free_ball(mass=1.0, radius=0.05)
@@ -404,6 +411,7 @@ def test_a_step_along_bent_paths_is_that_of_each_body_alone(around):
     assert np.abs(chained.dv_dq[:6, :6] - first.dv_dq).max() <= 1e-5 * np.abs(first.dv_dq).max()
 
 
+@pytest.mark.long
 def test_softened_jumps_are_flagged_where_contacts_touch():
     ball = cp.model.free_ball(mass=1.0, radius=0.05)
     scene = cp.Scene(ball, contacts=[cp.FrictionalContact("ball", Ball(0.05), friction=0.5)])
@@ -415,6 +423,7 @@ def test_softened_jumps_are_flagged_where_contacts_touch():
         assert of.one_sided == flagged
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("beside", [(), (0.0,)])
 def test_a_step_that_ends_elsewhere_than_it_should_is_noted(monkeypatch, beside):
     """If it may not be tried again, a rod that turns by 0.3 rad ends beside where its step says."""

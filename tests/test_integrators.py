@@ -108,6 +108,7 @@ def hanging_box(place: float) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
     return scene, np.array([place, place, place, 0.0, 0.0, 0.0, 1.0]), v
 
 
+@pytest.mark.long
 def test_independent_coordinates_do_not_jump_at_a_dead_point():
     """A parallelogram swings through the line where it may fold into a crossed one."""
     robot = cp.model.parallelogram()
@@ -127,6 +128,7 @@ def test_independent_coordinates_do_not_jump_at_a_dead_point():
     assert still.status.ok
 
 
+@pytest.mark.long
 def test_steps_that_are_too_long_are_said_to_be():
     """And no damping is blamed where there is none."""
     scene, q, v = bar()
@@ -138,6 +140,7 @@ def test_steps_that_are_too_long_are_said_to_be():
     assert np.array_equal(found.q[-1], q)
 
 
+@pytest.mark.long
 def test_rows_without_a_position_are_held_or_refused():
     """A sleigh that glides on its knife."""
     sleigh = robot("sleigh")
@@ -177,6 +180,7 @@ def test_knobs_that_mean_nothing_are_refused(call, said):
         call()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", [cp.RungeKutta4(), cp.simulation.StormerVerlet()], ids=repr)
 def test_a_run_that_damping_breaks_down_says_which_joint_and_what_dt_would_do(integrator):
     start = hanging_cassie()
@@ -197,6 +201,7 @@ def test_a_run_that_damping_breaks_down_says_which_joint_and_what_dt_would_do(in
         assert found.status.ok, found.reason
 
 
+@pytest.mark.long
 def test_damping_that_stops_a_tumbling_body_at_once():
     """dt/2 of the first acceleration is a thousand times the velocity, and Coriolis its square."""
     damping = np.array([0.0, 0.0, 1e5])
@@ -208,6 +213,7 @@ def test_damping_that_stops_a_tumbling_body_at_once():
     assert np.abs(found.v).max() < 10 * np.abs(v).max()  # measured: 3.6 times, it was 1e120
 
 
+@pytest.mark.long
 def test_rattle_with_a_row_that_is_nothing():
     """Along the axis of a wheel there is nothing to hold: J M^-1 J^T is zero."""
     wheel = body(pin.JointModelRZ(), centre=(0.1, 0.0, 0.0))

@@ -73,6 +73,7 @@ def box() -> cp.Robot:
     return cp.Robot("box", model).with_frame("hook", "float", [0.0, 0.0, 0.4])
 
 
+@pytest.mark.long
 def test_a_hanging_box_needs_no_motor_torque():
     """Motors could carry it: of all ways to share the weight, the smallest torques are none."""
     held = box()
@@ -107,6 +108,7 @@ def test_the_crank_holds_the_four_bar_with_the_slope_of_its_potential_energy():
     assert inverse.notices == ()
 
 
+@pytest.mark.long
 def test_talos_stands_by_itself():
     """Feet carry m g, motors and ground leave nothing to be done, and nothing moves."""
     stance = scene("talos", contacts=True)
@@ -198,6 +200,7 @@ def test_internal_forces_do_nothing(name):
     assert np.abs(N[: inverse.u.size].T @ inverse.u).max() < 1e-9 * size * np.abs(N).max()
 
 
+@pytest.mark.long
 def test_cassie_with_locked_springs_stands_on_her_knees_motors():
     """But for the spin of two thin rods, which nothing can hold."""
     cassie = cp.load_robot("cassie", variant={"springs": "locked"})
@@ -300,6 +303,7 @@ def test_any_map_from_motors_to_joints(seed, count):
     assert inverse.null_space.shape == (count, max(count - 3, 0))
 
 
+@pytest.mark.long
 def test_a_motor_of_one_joint_is_one_with_a_ratio():
     arm = two_link(0.4, 0.3, 1.2, 0.7)
     geared = Actuation(arm, ["joint1", CoupledMotor("elbow", {"joint2": 7.0})], ratios=[3.0])
@@ -308,6 +312,7 @@ def test_a_motor_of_one_joint_is_one_with_a_ratio():
     assert geared.motors == ("joint1", "elbow")
 
 
+@pytest.mark.long
 def test_actuation_of_coupled_motors_is_a_value():
     arm = two_link(0.4, 0.3, 1.2, 0.7)
     motors = Actuation(arm, DIFFERENTIAL)
@@ -357,6 +362,7 @@ def test_a_motor_on_several_joints_needs_joints_of_one_freedom():
         robot("solo12").with_motors(CoupledMotor("m", {"root_joint": 1.0}))
 
 
+@pytest.mark.long
 def test_actuation_is_a_value():
     solo = robot("solo12")
     motors = Actuation(solo, ["FL_KFE", "HR_HAA"], {"HR_HAA": 9.0})
@@ -378,6 +384,7 @@ def test_actuation_is_a_value():
         motors.joints = ()
 
 
+@pytest.mark.long
 def test_answers_pickle():
     where = scene("four_bar")
     held = gravity_compensation(where, where.state()[0])

@@ -139,6 +139,7 @@ def test_limits_that_stop_a_platform_are_named() -> None:
     assert cp.solve_ik(scene, [task], within_limits=False).status.ok
 
 
+@pytest.mark.long
 def test_what_is_out_of_reach_ends_where_the_arm_is_stretched() -> None:
     robot = planar_arm(2)
     answer = cp.solve_ik(
@@ -159,6 +160,7 @@ def test_stretched_arm_bends_towards_a_target_along_it(lowest: float) -> None:
     assert abs(answer.q[1]) == pytest.approx(2.0 * math.acos(0.7), abs=1e-8)
 
 
+@pytest.mark.long
 def test_limit_that_is_not_in_the_way_is_no_reason() -> None:
     robot = planar_arm(3)
     tasks = [
@@ -170,6 +172,7 @@ def test_limit_that_is_not_in_the_way_is_no_reason() -> None:
     assert answer.status is IKStatus.STATIONARY
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("weight", [1e-300, 1e-12, 1e300])
 def test_weights_count_by_their_ratios(weight: float) -> None:
     robot = planar_arm(2)
@@ -177,6 +180,7 @@ def test_weights_count_by_their_ratios(weight: float) -> None:
     assert cp.solve_ik(cp.Scene(robot), [task], [0.3, 0.4]).status.ok
 
 
+@pytest.mark.long
 def test_weights_decide_between_targets_that_contradict() -> None:
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")

@@ -63,6 +63,7 @@ def test_a_stiff_slider_needs_no_small_step(integrator, jacobian):
     assert all("3 times per step: pass jacobian=... to avoid them" in notice for notice in said)
 
 
+@pytest.mark.long
 def test_semi_implicit_euler_takes_derivatives_that_are_given():
     options = {"duration": 0.2, "integrator": cp.SemiImplicitEuler()}
     lost = cp.simulate(slider(), [0.0], [0.0], held, **options)
@@ -126,6 +127,7 @@ def test_springs_between_joints_have_derivatives_off_the_diagonal(integrator, gi
     assert abs(np.diff(found.q[-1]).item()) < 1e-6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", TAKING, ids=title)
 def test_redundant_rows_do_not_matter(integrator):
     scene = slider()
@@ -137,6 +139,7 @@ def test_redundant_rows_do_not_matter(integrator):
     assert found.q[-1, 0] == pytest.approx(wanted.q[-1, 0], abs=1e-7)
 
 
+@pytest.mark.long
 def test_what_is_not_stiff_is_not_differenced():
     """Nor is it said to be stiff, though one method looks at its differences at the start."""
     for integrator in IMPLICIT:
@@ -149,6 +152,7 @@ def test_what_is_not_stiff_is_not_differenced():
         assert not any("stiff" in notice for notice in found.notices)
 
 
+@pytest.mark.long
 def test_differences_are_along_the_tangent():
     """Of a free body, whose configuration has another coordinate than its velocity."""
     solo = robot("solo12")
@@ -166,6 +170,7 @@ def test_differences_are_along_the_tangent():
     assert np.abs(by_v - D).max() < 1e-6
 
 
+@pytest.mark.long
 def test_a_batch_takes_them_too():
     Q = np.linspace(0.0, 0.2, 3)[:, None]
     options = {"jacobian": of_held, "duration": 0.02, "integrator": cp.SemiImplicitEuler()}
@@ -175,6 +180,7 @@ def test_a_batch_takes_them_too():
         assert np.array_equal(batch.q[i], one.q[-1])
 
 
+@pytest.mark.long
 def test_files_know_what_was_differenced(tmp_path):
     found = cp.simulate(
         slider(), [0.0], [0.0], held, duration=0.01, integrator=cp.simulation.ImplicitMidpoint()
@@ -183,6 +189,7 @@ def test_files_know_what_was_differenced(tmp_path):
     assert cp.Trajectory.load(tmp_path / "run.npz").run.differenced == found.run.differenced > 0
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("rate", [1e3, 1e5, 1e7])
 def test_a_start_that_damping_stops_within_a_step_is_not_thrown(rate):
     """A step is 1 ms: of 1 m/s there are 1 / rate metres left."""
@@ -250,6 +257,7 @@ def test_a_torque_that_takes_all_inertia_away_ends_a_run_by_name(integrator):
         assert "M - dt dtau/dv - dt^2 dtau/dq is singular" in found.reason
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "solver", [cp.dynamics.NullSpace(), cp.dynamics.Reference(), cp.Proximal()]
 )

@@ -79,6 +79,7 @@ def test_each_thread_has_its_own_and_takes_it_along():
     assert kept.of(thing, 0, Thing) is mine
 
 
+@pytest.mark.long
 def test_what_fails_is_not_kept():
     kept, thing = ThreadCache[Thing](), Thing()
     with pytest.raises(ZeroDivisionError):
@@ -114,6 +115,7 @@ def at_rest(scene: cp.Scene) -> tuple[np.ndarray, ...]:
     return (*scene.state(), np.zeros(scene.robot.nv))
 
 
+@pytest.mark.long
 def test_verbs_that_take_turns_build_a_workspace_for_each_scene(built):
     scenes = [fresh(FOUR_BAR), fresh(SOLO)]
     for _ in range(3):
@@ -144,6 +146,7 @@ def test_steps_that_take_turns_have_a_memory_each(built):
     assert built["ProvedSteps"] == 4
 
 
+@pytest.mark.long
 @pytest.mark.native
 def test_batches_of_the_core_that_take_turns_build_a_core_for_each_scene(built):
     scenes, executor = [fresh(FOUR_BAR), fresh(SOLO)], cp.Native(threads=1)
@@ -163,6 +166,7 @@ def test_batches_of_the_core_that_take_turns_build_a_core_for_each_scene(built):
     assert built["CompiledCore"] == 5
 
 
+@pytest.mark.long
 def test_the_workspace_of_a_scene_that_was_dropped_is_released(monkeypatch):
     made: list[ref[cp.Workspace]] = []
     begin = cp.Workspace.__init__

@@ -72,12 +72,14 @@ def test_names_and_counts_are_the_same_on_other_kernels(here):
         assert json.loads(found.stdout.splitlines()[-1]) == here, environment.label
 
 
+@pytest.mark.long
 def test_iterations_end_above_the_noise_of_redundant_rows(here):
     """Six are all there are by the default weight: to meet them is not to have converged."""
     assert here["most iterations"] <= 4
     assert here["rows are those of one"]
 
 
+@pytest.mark.long
 def test_the_last_of_equal_rows_are_redundant(here):
     assert here["talos foot held twice: names"][0] == list(HELD_TWICE)
     assert here["cart: names"][0] == ["right_wheel.lateral"]
@@ -98,6 +100,7 @@ def test_rounding_chooses_no_row_and_no_joint():
         assert independent_columns(noisy, (np.arange(3, 6), np.arange(3))).tolist() == [3, 4, 5]
 
 
+@pytest.mark.long
 def test_axes_of_a_plane_are_the_same_whatever_rounding_says():
     """The singular vector across a plane has either sign, and its zeros are any rounding."""
     rng = np.random.default_rng(0)
@@ -109,6 +112,7 @@ def test_axes_of_a_plane_are_the_same_whatever_rounding_says():
                 assert np.abs(found - wanted).max() < 1e-12
 
 
+@pytest.mark.long
 def test_of_equally_damped_joints_the_first_is_named():
     """Any mixture of their modes is one: of two legs, rounding would choose."""
     rng = np.random.default_rng(0)
@@ -127,6 +131,7 @@ def test_of_equally_damped_joints_the_first_is_named():
         assert abs(rate - 2.0) < 1e-12
 
 
+@pytest.mark.long
 def test_pivots_are_independent_and_no_more_than_there_are():
     rng = np.random.default_rng(1)
     A = rng.normal(size=(7, 3)) @ rng.normal(size=(3, 9))
@@ -169,6 +174,7 @@ def test_pytest_is_run_in_each_and_a_failure_is_its_exit_code(tmp_path, monkeypa
     assert done.returncode == 1
 
 
+@pytest.mark.long
 def test_two_kernels_can_be_asked_for_one_by_one(monkeypatch, capsys):
     for word, which in (("--older", 0), ("--newer", 1)):
         monkeypatch.setattr(sys, "argv", ["kernels.py", word])

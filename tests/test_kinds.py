@@ -100,6 +100,7 @@ def test_a_cut_joint_moves_like_the_joint(kind, axis, joint, world_first):
     assert np.abs(found - (-wanted if world_first else wanted)).max() < 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["planar", "rod"])
 def test_a_planar_linkage_needs_no_more_than(kind):
     """Two rows close a four-bar as well as three; a weightless coupler is a rod."""
@@ -183,6 +184,7 @@ def test_geared_flywheels(ratio, offset):
     assert solution.forces["a~b"][0] == pytest.approx(I_a * ratio * b - tau[0], rel=1e-9, abs=1e-8)
 
 
+@pytest.mark.long
 def test_an_edge_is_its_two_ends():
     """5 rows or 6 with one of them redundant: the same motion, the same wrench."""
     talos = robot("talos")
@@ -199,6 +201,7 @@ def test_an_edge_is_its_two_ends():
     assert one.forces["left_sole_link"][4] == 0.0  # it can roll about y
 
 
+@pytest.mark.long
 def test_an_axis_that_points_backwards_is_half_a_turn_off():
     """Not closed: the cross product of the axes alone would be zero."""
     _, free = loose(pin.JointModelRZ(), pin.SE3.Identity(), pin.SE3.Identity())
@@ -289,6 +292,7 @@ def test_a_coupling_needs_joints_with_one_number():
         cp.Scene(robot("talos"), [cp.constraints.Coupling("root_joint", "torso_1_joint")])
 
 
+@pytest.mark.long
 def test_the_default_solver_takes_the_scene():
     bar, talos = robot("four_bar"), robot("talos")
     rod = cp.Loop("crank_tip", "rocker_tip", "rod", length=0.8)

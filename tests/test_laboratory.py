@@ -32,6 +32,7 @@ def table():
     return drift
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", QUICK)
 def test_rows_of_the_drift_table(table, label):
     case = next(case for case in table.cases() if case.label == label)
@@ -63,6 +64,7 @@ def test_committed_table_is_reproduced_in_every_row(table):
     assert euler["late"] > 1e3
 
 
+@pytest.mark.long
 def test_a_row_that_is_wrong_does_not_agree(table):
     case = next(case for case in table.cases() if case.label == "Runge-Kutta 4, alpha dt = 0.1")
     row = table.run(case)
@@ -71,6 +73,7 @@ def test_a_row_that_is_wrong_does_not_agree(table):
     assert not table.agrees(row | {"status": "diverged"}, case)
 
 
+@pytest.mark.long
 def test_a_closed_rod_says_nothing_about_energy():
     semi = cp.SemiImplicitEuler()
     projected = errors(semi, cp.simulation.Projection(tolerance=1e-14), dt=1e-2, steps=1000)
@@ -80,6 +83,7 @@ def test_a_closed_rod_says_nothing_about_energy():
     assert rattle.energy == pytest.approx(3.61e-3, rel=0.01)  # its bound at this step
 
 
+@pytest.mark.long
 def test_areas_are_kept_by_rattle_alone():
     semi = cp.SemiImplicitEuler()
     assert abs(area(cp.simulation.Rattle(), cp.simulation.NoDrift(), dt=1e-2)) < 1e-12
@@ -87,12 +91,14 @@ def test_areas_are_kept_by_rattle_alone():
         assert abs(area(semi, drift, dt=1e-2)) > 1e-6
 
 
+@pytest.mark.long
 def test_the_map_of_gains_has_its_limit_on_the_diagonal():
     products = np.array([0.5, 0.82, 0.84])
     found = stability_map(cp.SemiImplicitEuler(), products.tolist(), products.tolist())
     assert (found.diagonal() < 1).tolist() == [True, True, False]
 
 
+@pytest.mark.long
 def test_fast_pendulums_are_projected_with_the_rows_of_their_place():
     """A factor of another place let the rod open by hundreds of metres."""
     scene = rod_pendulum()
@@ -128,6 +134,7 @@ def measure(*words: str):
     return CliRunner().invoke(lab_app, list(words))
 
 
+@pytest.mark.long
 @pytest.mark.once  # a command's words
 def test_condyn_drift(tmp_path):
     result = measure("drift", "--steps", "60", "--plot", str(tmp_path / "d.png"))
@@ -152,7 +159,7 @@ def test_condyn_simulate(tmp_path):
     strong = condyn("simulate", "four_bar", "--drift", "baumgarte", "--gain", "1e5")
     assert isinstance(strong.exception, cp.InvalidArgument)
     for wrong in (
-        ("--integrator", "euler"), ("--drift", "none"), ("--save", str(tmp_path / "x.txt")),
+        ("--integrator", "eulers"), ("--drift", "none"), ("--save", str(tmp_path / "x.txt")),
         ("--save", "nowhere/run.npz"), ("--dt", "-1"), ("--solver", "magic"),
     ):  # fmt: skip
         assert isinstance(condyn("simulate", "four_bar", *wrong).exception, cp.CondynError), wrong

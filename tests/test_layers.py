@@ -108,6 +108,7 @@ def tensors(arrays, grad: bool = True):
     return [torch.tensor(each, requires_grad=grad) for each in arrays]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("root", list(CURVED))
 def test_numbers_of_q_move_as_the_rates_say(root):
     """D against differences of pin.integrate, and back: T D = 1."""
@@ -178,6 +179,7 @@ def test_gradients_are_those_of_the_library(label):
     )
 
 
+@pytest.mark.long
 def test_along_a_closed_motion_of_cassie():
     """The slope of a along a path that keeps the loops closed, whose rows are redundant."""
     scene = scenes()["cassie, loops"]
@@ -232,6 +234,7 @@ def test_batches_and_maps_are_the_states_one_by_one():
         assert np.abs(np.asarray(other) - part.numpy()).max() < 1e-10 * size
 
 
+@pytest.mark.long
 def test_a_batch_of_no_states_has_a_gradient_of_zero():
     bar = robot("four_bar")
     scene = cp.Scene(bar, bar.loops)
@@ -259,6 +262,7 @@ def test_a_layer_within_what_torch_compiles_is_called_as_it_is():
     assert found[0] == found[1]
 
 
+@pytest.mark.long
 def test_a_quaternion_of_any_length_is_the_rotation_it_stands_for():
     scene = scenes()["free body"]
     q, v, tau = state(scene)
@@ -302,6 +306,7 @@ def test_what_no_layer_takes_is_named():
         cp.layers.tangent_gradient(limb("spherical"), np.zeros(6), np.zeros(6))
 
 
+@pytest.mark.long
 def test_a_view_that_torch_negates_when_it_is_read():
     layer, (q, v, tau) = cp.layers.torch_solve(scenes()["four-bar"]), state(scenes()["four-bar"])
     negated = torch.complex(torch.tensor(q), -torch.tensor(v)).conj().imag
@@ -509,6 +514,7 @@ def test_an_action_is_a_step_in_the_tangent():
         cp.layers.torch_step(scene, dt=1e-3, integrator=cp.RungeKutta4())
 
 
+@pytest.mark.long
 def test_an_action_takes_motors_on_several_joints():
     """tau = B u, and dx+/du = dx+/dtau B."""
     arm = cp.model.chain(2)
@@ -541,6 +547,7 @@ def test_an_action_is_differentiated_where_a_step_opens_its_loop():
     assert np.abs(found[:, 0] - wanted).max() < 1e-7 * np.abs(wanted).max()
 
 
+@pytest.mark.long
 @pytest.mark.once  # torch's part, not Pinocchio's
 @pytest.mark.parametrize("library", ["torch", "jax"])
 def test_without_the_library_the_extra_is_named(library):
@@ -649,6 +656,7 @@ def test_jax_gradients_of_motions_are_those_of_differences(label):
     check_grads(call, of, 1, ["rev"], share, share, eps=1e-5)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", MOTIONS)
 def test_torch_and_jax_have_one_motion(label):
     """To the bits, and their gradients; jitted, and that of `simulate` at its end."""
@@ -676,6 +684,7 @@ def test_torch_and_jax_have_one_motion(label):
     assert np.abs(end[1].detach().numpy() - run.v[-1]).max() < 1e-7
 
 
+@pytest.mark.long
 def test_a_motion_is_the_sweep_of_trajectory_derivatives():
     """Of Solo12 as it slides, with parameters: in one sweep back."""
     scene, (q, v, tau) = stepping()
@@ -695,6 +704,7 @@ def test_a_motion_is_the_sweep_of_trajectory_derivatives():
         assert np.abs(had - want).max() < 1e-7 * np.abs(want).max()
 
 
+@pytest.mark.long
 def test_batches_of_motions_are_the_motions_one_by_one():
     layer, (q, v, tau, _, e) = moving("lands", 3, cp.layers.torch_simulate)
     in_jax, _ = moving("lands", 3, cp.layers.jax_simulate)
@@ -787,6 +797,7 @@ def test_copies_of_layers_have_their_answers_and_gradients(make, again):
     assert jax.tree.all(jax.tree.map(np.array_equal, by, other))
 
 
+@pytest.mark.long
 def test_a_module_with_a_layer_in_it_is_copied_and_saved(tmp_path):
     class Motor(torch.nn.Module):
         def __init__(self):
@@ -806,6 +817,7 @@ def test_a_module_with_a_layer_in_it_is_copied_and_saved(tmp_path):
     assert torch.equal(again(q, v, v)[1], motor.solve(q, v, v)[1])
 
 
+@pytest.mark.long
 def test_what_jax_calls_within_raises_what_there_is_to_say():
     """As it is where Python calls; the last line of jax's own error where its program does."""
     scene = scenes()["four-bar"]
@@ -831,6 +843,7 @@ def test_what_jax_calls_within_raises_what_there_is_to_say():
             jax.jit(cost)(bad)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("make", ["step", "simulate"])
 def test_numbers_that_are_none_are_named(make):
     scene, how, (q, v), p = motions()["lands"]

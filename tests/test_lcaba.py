@@ -78,6 +78,7 @@ def test_ankles_closed_by_light_rods(solver, on_feet, mass, about_itself):
         assert relative(J.T @ found.lam, J.T @ wanted.lam, floor=scene.nominal.weight) < 1e-7
 
 
+@pytest.mark.long
 @pytest.mark.pairs
 @each
 @pytest.mark.parametrize("distance", [10.0, 1e3])
@@ -92,6 +93,7 @@ def test_where_a_robot_is_changes_nothing(solver, label, distance):
         assert relative(a, right.a) < SOLVED
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [1, 3, 4, 100])
 @each
 def test_a_configuration_of_another_size_is_refused(solver, size):
@@ -107,6 +109,7 @@ def test_a_number_of_corrections_that_is_none_is_refused(refinements):
         cp.LCABA(refinements=refinements)
 
 
+@pytest.mark.long
 def test_corrections_make_up_for_a_small_mu():
     """And an mu of one's own is not corrected unless that is asked for."""
     scene = biped(0.1, 1e-5, on_feet=True)

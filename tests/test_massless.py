@@ -138,12 +138,14 @@ def test_what_is_ok_near_the_lock_is_right(scene, apart):
     assert bool(accepted) == (apart > 1e-4)
 
 
+@pytest.mark.long
 def test_pivots_that_no_link_without_inertia_lowers_are_not_watched():
     assert cp.Scene(arm("yaw", "pitch", "roll").robot).nominal.pivots.may_fall
     for name in ("four_bar", "talos", "solo12"):
         assert not cp.Scene(cp.load_robot(name)).nominal.pivots.may_fall
 
 
+@pytest.mark.long
 def test_without_constraints_too(scene):
     with pytest.raises(cp.SolveFailed, match=NAMED):
         cp.solve(cp.Scene(scene.robot), LOCKED, np.zeros(4), np.zeros(4))
@@ -167,6 +169,7 @@ def test_whatever_is_asked_names_them(scene, ask):
         ask(scene, np.zeros(4))
 
 
+@pytest.mark.long
 def test_a_scene_whose_first_posture_is_there():
     """Two yaw hinges with a pitch between them, and that at zero: the robot is sound elsewhere."""
     scene = arm("yaw", "pitch", "again")
@@ -189,6 +192,7 @@ def test_nearby_an_answer_that_is_not_ok_says_why(scene, solver, off):
     assert re.search("(nearly singular|not positive definite) at q.* yaw, roll can move", said)
 
 
+@pytest.mark.long
 def test_elsewhere_nothing_is_said(scene):
     q = LOCKED - [0.0, 0.3, 0.0, 0.0]
     found = cp.solve(scene, q, np.zeros(4), np.zeros(4))
@@ -218,6 +222,7 @@ def test_states_are_answered_but_for_those_where_M_is_singular(name, solver):
     assert not workspace.solve(there, v, tau, throw=False).status.ok
 
 
+@pytest.mark.long
 def test_a_mass_in_polar_coordinates_falls_as_newton_says():
     scene, (angle, r), (turning, going) = cp.Scene(polar()), (0.3, 2.0), (1.0, 0.5)
     turns = (9.81 * np.sin(angle) - 2 * going * turning) / r
@@ -237,6 +242,7 @@ def test_what_is_said_of_a_scene_is_said_of_a_regular_state(name):
         scene.summary(of.there)
 
 
+@pytest.mark.long
 @each_of_two
 def test_whatever_needs_M_is_refused_there_and_nowhere_else(name):
     of, scene = sometimes(name), cp.Scene(sometimes(name).robot)
@@ -260,6 +266,7 @@ def test_whatever_needs_M_is_refused_there_and_nowhere_else(name):
         assert workspace.derivatives(good, v, tau).da_dq[:, k] == pytest.approx(slope, abs=1e-6)
 
 
+@pytest.mark.long
 @each_of_two
 @pytest.mark.parametrize(
     "core",
@@ -296,6 +303,7 @@ def test_a_motion_that_passes_by_the_axis_is_right_or_says_that_it_is_not(integr
     assert right_to_the_end or not run.status.ok or "energy appeared or vanished" in run.notices[0]
 
 
+@pytest.mark.long
 def test_loops_are_closed_where_the_first_posture_is_singular():
     """The middle hinge follows a crank: closed and singular at zero, and regular around it."""
     model = pin.Model()
@@ -324,6 +332,7 @@ def test_loops_are_closed_where_the_first_posture_is_singular():
     assert cp.simulate(geared, q, v, duration=0.05, dt=1e-3).status.ok
 
 
+@pytest.mark.long
 def test_torques_of_a_controller_do_not_need_M_to_be_regular():
     of = sometimes("wrist")
     robot = replace(of.robot, actuated=of.robot.joints)

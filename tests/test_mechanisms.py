@@ -38,6 +38,7 @@ def test_each_mechanism_is_a_public_function_and_a_robot_by_name():
         )
 
 
+@pytest.mark.long
 def test_two_mechanisms_of_one_name_are_refused():
     def chain() -> cp.Robot:
         raise AssertionError
@@ -47,6 +48,7 @@ def test_two_mechanisms_of_one_name_are_refused():
     assert MECHANISMS["chain"] is cp.model.chain
 
 
+@pytest.mark.long
 @each_row("value", [0, -1, 1.5, "two", None, True, np.nan])
 def test_counts_are_whole_numbers(value):
     for make in (cp.model.chain, cp.model.n_four_bar):
@@ -54,6 +56,7 @@ def test_counts_are_whole_numbers(value):
             make(n=value)
 
 
+@pytest.mark.long
 @each_row("value", [0, -1.0, np.nan, np.inf, "long", None, True])
 def test_lengths_and_masses_are_positive_numbers(value):
     for make in (cp.model.chain, cp.model.n_four_bar, cp.model.pendulum):
@@ -83,11 +86,13 @@ def test_n_four_bar_moves_as_its_equation_says(n, theta):
     assert relative(a, parallel(n, wanted)) < 1e-9 * n**2
 
 
+@pytest.mark.long
 def test_the_size_of_a_mechanism_may_stand_first():
     assert cp.model.n_four_bar(3) == cp.model.n_four_bar(n=3)
     assert cp.model.chain(5) == cp.model.chain(n=5)
 
 
+@pytest.mark.long
 def test_n_four_bar_starts_as_the_benchmark_does():
     """1.5 J at -1 rad/s."""
     bar = robot("n_four_bar")
@@ -98,6 +103,7 @@ def test_n_four_bar_starts_as_the_benchmark_does():
     assert energy == pytest.approx(1.5, rel=1e-14)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("n", [1, 2, 5])
 def test_n_four_bar_gains_n_degrees_of_freedom_when_flat(n):
     scene = loops_of(cp.model.n_four_bar(n=n))
@@ -122,6 +128,7 @@ def test_a_chain_of_one_is_a_rod(posture):
     assert a[0] == pytest.approx(-1.5 * GRAVITY / 0.4 * np.cos(q[0]), abs=1e-12)
 
 
+@pytest.mark.long
 def test_a_chain_that_hangs_stays():
     scene = cp.Scene(robot("chain"))
     q, v = scene.state("hanging")
@@ -143,12 +150,14 @@ def test_parallelogram_moves_as_a_pendulum():
     assert relative(a, wanted * np.array([1, -1, 1])) < 1e-12
 
 
+@pytest.mark.long
 def test_parallelogram_is_singular_when_flat():
     scene = loops_of(robot("parallelogram"))
     assert rank(scene, scene.state("home")[0]) == 2
     assert rank(scene, scene.state("flat")[0]) == 1
 
 
+@pytest.mark.long
 def test_five_bar_reaches_where_its_readme_says():
     bar = robot("five_bar")
     data = bar.model.createData()
@@ -159,6 +168,7 @@ def test_five_bar_reaches_where_its_readme_says():
         assert np.allclose(tip, [0, 0, height], atol=1e-7)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "axis"), [("five_bar", "y"), ("parallelogram", "y"), ("andrews", "z")]
 )
@@ -181,6 +191,7 @@ def test_planar_pins_close_the_same_loops_without_redundant_rows(name, axis):
 # Stewart and Delta: the platform keeps level, as drawn
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "posture", "height"),
     [("stewart", "home", 0.6), ("stewart", "lifted", 0.7), ("delta", "home", -0.3128898)],
@@ -197,6 +208,7 @@ def test_platforms_are_level(name, posture, height):
     assert platform.translation[2] == pytest.approx(height, abs=1e-7)
 
 
+@pytest.mark.long
 def test_delta_only_shifts_its_platform():
     delta = robot("delta")
     scene = loops_of(delta)
@@ -212,6 +224,7 @@ def test_delta_only_shifts_its_platform():
 # Bricard, IFToMM A04: sin b = -sin a / (1 + sin a)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("a", "inertia"), [(0.0, 5.01), (np.pi / 2, 1.8379166666666667)])
 def test_bricard_has_the_inertia_of_the_benchmark(a, inertia):
     bricard = robot("bricard")
@@ -227,12 +240,14 @@ def test_bricard_has_the_inertia_of_the_benchmark(a, inertia):
         assert energy == pytest.approx(-29.43, rel=1e-14)
 
 
+@pytest.mark.long
 @each_row("a", [0.0, 0.5, 1.2, 2.0, 3.1])
 def test_bricard_is_redundant_everywhere(a):
     b = np.arcsin(-np.sin(a) / (1 + np.sin(a)))
     assert rank(loops_of(robot("bricard")), np.array([a, b, a, b, a])) == 4
 
 
+@pytest.mark.long
 def test_bricard_with_a_hinge_moves_as_with_two_points():
     """5 rows of rank 4, the same rows as the 6 of two points."""
     bricard = robot("bricard")
@@ -294,6 +309,7 @@ def in_tree(andrews: cp.Robot, values: tuple[float, ...]) -> np.ndarray:
     return np.array([values[ANDREWS.index(name)] for name in andrews.joints])
 
 
+@pytest.mark.long
 def test_andrews_starts_as_in_the_literature():
     andrews = robot("andrews")
     q, v = loops_of(andrews).state("start")
@@ -319,6 +335,7 @@ def test_andrews_accelerates_as_in_the_literature():
 # Bodies that fly and hit
 
 
+@pytest.mark.long
 def test_a_ball_and_a_box_are_solid():
     ball, box = cp.model.free_ball(mass=2.0, radius=0.3), cp.model.free_box(mass=3.0)
     np.testing.assert_allclose(ball.model.inertias[1].inertia, 0.4 * 2.0 * 0.09 * np.eye(3))

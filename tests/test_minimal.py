@@ -40,6 +40,7 @@ def test_minimal_cassie_lets_its_plantar_linkages_follow():
     assert "left-crank-rod-joint" in str(found.scene.summary())
 
 
+@pytest.mark.long
 def test_a_tighter_limit_keeps_more():
     tight = cassie(1e-9, cp.Proximal())
     assert tight.nv == (32, 32)
@@ -66,6 +67,7 @@ def columns_of(model, names):
     return [i for joint in joints for i in range(joint.idx_v, joint.idx_v + joint.nv)]
 
 
+@pytest.mark.long
 def test_the_errors_are_those_of_the_smaller_scene():
     """Solved again from outside, at states that the choice was not made by."""
     found = cassie(0.05, cp.Proximal())
@@ -140,6 +142,7 @@ def test_what_looks_good_at_a_few_states_only_is_undone():
     assert worst <= 1e-2
 
 
+@pytest.mark.long
 def test_no_error_at_all_leaves_what_is_exact():
     found = all_scenes()["talos corners"].minimal(error=0)
     assert found.rows == (24, 12)
@@ -176,6 +179,7 @@ def test_a_motion_is_to_be_closed():
             scene.minimal(error=0.1, motion=[(q, v, tau), (q_, v_, tau)])
 
 
+@pytest.mark.long
 def test_watch_chooses_what_counts_and_the_answer_pickles():
     found = all_scenes()["four_bar loops"].minimal(error=0.9, watch=["rocker"])
     assert found.watch == ("rocker",)
@@ -247,6 +251,7 @@ def test_taloss_ladder():
     assert table("talos").fastest(1e-6).label in ("eight corners", "two surfaces")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", list(lab.HIERARCHIES))
 def test_the_same_motion_is_closed_in_every_rung(name):
     chosen = lab.HIERARCHIES[name]
@@ -264,6 +269,7 @@ def test_the_same_motion_is_closed_in_every_rung(name):
         assert np.isfinite(tau_).all()
 
 
+@pytest.mark.long
 def test_springs_are_bent_until_they_carry_the_load():
     """Standing, with the free springs bent and acting, nothing accelerates."""
     scene = all_scenes()["cassie loops + contacts"]
@@ -282,6 +288,7 @@ def test_springs_are_bent_until_they_carry_the_load():
     assert np.abs(unbent[moved]).max() > 1.0
 
 
+@pytest.mark.long
 def test_tables_travel(tmp_path):
     found = table("talos")
     found.to_csv(tmp_path / "l.csv")
@@ -305,11 +312,13 @@ def test_tables_travel(tmp_path):
     assert sorted(legend) == sorted({row.solver for row in found.rows})
 
 
+@pytest.mark.long
 def test_an_unknown_ladder_is_named():
     with pytest.raises(cp.errors.UnknownName, match="did you mean 'cassie'"):
         lab.model_hierarchy("casie")
 
 
+@pytest.mark.long
 def test_a_ladder_that_no_solver_takes_has_no_times(monkeypatch):
     monkeypatch.setattr(hierarchy, "_solvers", lambda: (cp.Proximal(),))
     bar = robot("four_bar")
@@ -319,6 +328,7 @@ def test_a_ladder_that_no_solver_takes_has_no_times(monkeypatch):
     assert math.isnan(row.us)
 
 
+@pytest.mark.long
 def test_a_ladder_of_ones_own():
     bar = robot("four_bar")
     mine = lab.ModelHierarchy(

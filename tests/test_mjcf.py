@@ -154,6 +154,7 @@ def test_loops_hold_what_mujoco_holds(read, equality, kind, rows):
     assert len(said) == (size > 1e-6)
 
 
+@pytest.mark.long
 def test_a_joint_equality_is_a_coupling(read):
     equality = '<joint name="gear" joint1="ja" joint2="jb" polycoef="0.1 2"/>'
     text = TWO_ARMS.replace("EQUALITY", equality)
@@ -184,6 +185,7 @@ ALL_EQUALITIES = """
 """
 
 
+@pytest.mark.long
 def test_what_is_read_and_what_is_not(read):
     robot = read(TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES))
     kinds = [(loop.name, loop.called) for loop in robot.loops]
@@ -225,6 +227,7 @@ def test_inertia_may_follow_from_geoms(read):
     assert not any("geoms" in text for text in drawn.unused)
 
 
+@pytest.mark.long
 def test_without_mujoco_the_remedy_is_named(read, monkeypatch):
     monkeypatch.setitem(sys.modules, "mujoco", None)
     said = r"robot\.xml: MuJoCo's own compiler .* pip install 'condyn_pin\[mjcf\]'"
@@ -232,6 +235,7 @@ def test_without_mujoco_the_remedy_is_named(read, monkeypatch):
         read(GEOMS)
 
 
+@pytest.mark.long
 def test_a_mesh_that_is_not_there_and_weighs_nothing_is_left_out(read):
     robot = read(
         '<mujoco><asset><mesh name="m" file="nowhere.stl"/></asset>'
@@ -241,6 +245,7 @@ def test_a_mesh_that_is_not_there_and_weighs_nothing_is_left_out(read):
     assert "body 'b' is not drawn whole: no file 'nowhere.stl'" in robot.unused
 
 
+@pytest.mark.long
 def test_quaternions_of_keyframes_are_normalised_as_mujoco_does(read):
     text = """<mujoco><worldbody><body><joint name="j" type="ball"/><inertial pos="0 0 0" mass="1"
     diaginertia="1 1 1"/></body></worldbody><keyframe><key name="zero" qpos="0 0 0 0"/>
@@ -283,6 +288,7 @@ def test_a_range_without_width_is_no_limit_as_in_mujoco(read, range_):
     assert "ranges that are no limits to MuJoCo (j)" in robot.unused
 
 
+@pytest.mark.long
 def test_a_keyframe_does_not_take_the_name_of_the_pose_that_is_drawn(read):
     """What MuJoCo starts from is zero, or what each `ref` says; a keyframe is another thing."""
     text = TWO_ARMS.replace("EQUALITY", "").replace(
@@ -297,6 +303,7 @@ def test_a_keyframe_does_not_take_the_name_of_the_pose_that_is_drawn(read):
     assert not [line for line in same.unused if "keyframe" in line]
 
 
+@pytest.mark.long
 def test_what_is_written_is_drawn_where_it_was(read):
     """With the `ref` of each joint, so that MuJoCo starts from the same pose; again and again."""
     gear = '<joint name="gear" joint1="ja" joint2="jb" polycoef="0.2 3 0 0 0"/>'
@@ -407,6 +414,7 @@ def test_a_hinge_is_two_points_of_its_axis(read):
     assert np.abs(a[0] - a[1]).max() < 1e-10
 
 
+@pytest.mark.long
 def test_a_coupling_is_a_joint_equality(read):
     loops = [cp.constraints.Coupling("crank", "rocker", ratio=-2.0, offset=0.3, name="gear")]
     one = replace(shared_robot("four_bar"), loops=loops)
@@ -416,6 +424,7 @@ def test_a_coupling_is_a_joint_equality(read):
     assert J.ravel() == pytest.approx([1.0, 0.0, 2.0])
 
 
+@pytest.mark.long
 @each_row("kind", ["slider", "planar", "rod"])
 def test_kinds_that_mujoco_has_not_are_refused_or_left_out(kind):
     length = 0.5 if kind == "rod" else None
@@ -431,6 +440,7 @@ def test_kinds_that_mujoco_has_not_are_refused_or_left_out(kind):
         bar.to_mjcf(without="odd")
 
 
+@pytest.mark.long
 def test_flat_bodies_are_written_as_mujoco_takes_them():
     """Of a disc A + B = C, but for rounding, and MuJoCo compares to the last bit."""
     rng = np.random.default_rng(0)
@@ -510,12 +520,14 @@ def test_what_is_wrong_is_said(read, text, said):
         read(f"<mujoco>{text}</mujoco>")
 
 
+@pytest.mark.long
 @each_row("text", ["", "words", "<mujoco>", "<robot/>", "<mujoco>\x00</mujoco>"])
 def test_what_is_no_mjcf_is_refused(read, text):
     with pytest.raises(cp.errors.InvalidModel, match=r"robot\.xml: "):
         read(text)
 
 
+@pytest.mark.long
 def test_there_is_no_such_file():
     with pytest.raises(cp.errors.InvalidModel, match=r"nowhere\.xml: cannot be opened"):
         cp.load_robot("nowhere.xml")
@@ -529,6 +541,7 @@ def test_a_spoilt_mjcf_is_refused_or_read(tmp_path, seed):
     assert_survived(tmp_path, "robot.xml", EVERYTHING, seed)
 
 
+@pytest.mark.long
 def test_excluded_bodies_are_kept_and_written(read):
     text = TWO_ARMS.replace("EQUALITY", "").replace(
         "</mujoco>",

@@ -90,6 +90,7 @@ def test_friction_is_that_of_the_contact(friction, moves):
         assert slid < 5e-3
 
 
+@pytest.mark.long
 def test_nothing_else_collides():
     """Two balls in one place, each with a contact with the floor alone."""
     contacts = [cp.FrictionalContact(f"{n}/ball", Ball(0.1), friction=0.5) for n in "ab"]
@@ -100,6 +101,7 @@ def test_nothing_else_collides():
     assert data.ncon == len(contacts) > 1
 
 
+@pytest.mark.long
 def test_solo_stands_on_its_feet():
     solo = cp.load_robot("solo12")
     feet = solo.frictional_contacts(friction=0.7)
@@ -138,6 +140,7 @@ def test_dry_friction_and_limits_are_those_of_joints():
     assert model.joint(joint).limited[0]
 
 
+@pytest.mark.long
 def test_shapes_are_drawn_and_weigh_nothing():
     solo = cp.load_robot("solo12")
     plain, _ = made(solo.to_mjcf())
@@ -150,6 +153,7 @@ def test_shapes_are_drawn_and_weigh_nothing():
     assert drawn.nmesh < drawn.ngeom  # a mesh is in the file once
 
 
+@pytest.mark.long
 def test_drawn_shapes_are_where_the_description_has_them():
     """The corners of a mesh, in the world, in both."""
     from condyn_pin.io.shapes import shapes_of
@@ -175,6 +179,7 @@ def test_drawn_shapes_are_where_the_description_has_them():
     assert np.allclose(sorted(boxes, key=key), sorted(found, key=key), atol=1e-5)
 
 
+@pytest.mark.long
 def test_such_a_file_reads_back(tmp_path):
     cassie = cp.load_robot("cassie")
     path = tmp_path / "cassie.xml"

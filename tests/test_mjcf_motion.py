@@ -304,6 +304,7 @@ SERVOS = {
 }  # fmt: skip
 
 
+@pytest.mark.long
 @each_row(("text", "said"), SERVOS)
 def test_servos_are_named_as_what_tau_is_here(tmp_path, text, said):
     robot = read_text(tmp_path, text)
@@ -342,6 +343,7 @@ def test_what_does_nothing_is_not_named(tmp_path, text):
     assert off(robot.passive_torque(q, v), referee.passive(q, v)) < AGREES
 
 
+@pytest.mark.long
 def test_equalities_hold_and_couple_joints(tmp_path):
     ties = (
         '<joint joint1="k" polycoef="0.3"/><joint name="deep" joint1="j" polycoef="0.1 4 5"/>'
@@ -376,6 +378,7 @@ def test_tendons_over_one_joint_have_its_friction_and_limits(tmp_path):
     cp.Scene(robot, contacts=[JointFriction("j")])
 
 
+@pytest.mark.long
 def test_motors_are_of_joints_that_something_moves_alone(tmp_path):
     more = (
         '<tendon><fixed name="t"><joint joint="j" coef="2"/></fixed><fixed name="u"><joint '
@@ -435,6 +438,7 @@ LIMITED = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("words", "wanted"), LIMITED.items())
 def test_limits_of_motors_on_several_joints(tmp_path, words, wanted):
     general = motor(f'<general name="m" tendon="sum" {words}/>')
@@ -468,6 +472,7 @@ def test_limits_of_motors_are_those_of_their_joints(tmp_path):
     np.testing.assert_array_equal(again.model.effortLimit, robot.model.effortLimit)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "option",
     [
@@ -512,12 +517,14 @@ def test_a_range_of_force_of_a_tendon_limits_the_motor_that_pulls_on_it_alone(tm
     assert any("tendons that motors share, or over one joint (sum)" in x for x in robot.unused)
 
 
+@pytest.mark.long
 def test_a_range_of_force_of_a_joint_is_its_effort_limit(tmp_path):
     text = two(SUM_AND_DIFFERENCE + motor('<motor name="m" tendon="sum"/>'))
     robot = read_text(tmp_path, text.replace('name="j"', 'name="j" actuatorfrcrange="-2 2"', 1))
     assert 2.0 in robot.model.effortLimit
 
 
+@pytest.mark.long
 def test_a_range_of_force_of_a_tendon_over_one_joint_is_an_effort_limit(tmp_path):
     one = (
         '<tendon><fixed name="t" actuatorfrcrange="-3 3"><joint joint="j" coef="2"/></fixed>'
@@ -555,6 +562,7 @@ def test_motors_on_several_joints_come_back(tmp_path):
     assert again.loops == robot.loops
 
 
+@pytest.mark.long
 @pytest.mark.skipif(not KNOWN, reason="this MuJoCo knows no armature of actuators")
 @pytest.mark.parametrize("gear", ["1e200", "1e308"])
 def test_what_a_gear_makes_too_large_is_refused(tmp_path, gear):
@@ -562,18 +570,21 @@ def test_what_a_gear_makes_too_large_is_refused(tmp_path, gear):
         read_text(tmp_path, two(motor(f'<motor joint="j" gear="{gear}" armature="1"/>')))
 
 
+@pytest.mark.long
 def test_flexible_bodies_are_named(tmp_path):
     cloth = '<flexcomp name="f" type="grid" count="2 2 1" spacing=".1 .1 .1" dim="2" mass="1"/>'
     with pytest.warns(cp.errors.UnmodelledWarning, match=r"flexible bodies.*\(f\)"):
         read_text(tmp_path, two().replace("<worldbody>", f"<worldbody>{cloth}"))
 
 
+@pytest.mark.long
 def test_a_motor_whose_range_has_no_zero_pushes(tmp_path):
     motor_ = motor('<motor name="m" joint="j" ctrllimited="true" ctrlrange="0.1 1"/>')
     robot = read_text(tmp_path, two(motor_))
     assert any("servos, which push at ctrl = 0 (m)" in said for said in robot.unused)
 
 
+@pytest.mark.long
 def test_what_has_no_mass_is_exported_with_next_to_none(tmp_path):
     model = pin.Model()
     for k, inertia in enumerate(

@@ -78,6 +78,7 @@ def held() -> cp.Trajectory:
     return cp.simulate(scene, *scene.state(), duration=0.02, dt=2e-3)
 
 
+@pytest.mark.long
 def test_contacts_that_are_held_give_the_balance_of_each_sample():
     run = held()
     found = motion_balance(run)
@@ -89,6 +90,7 @@ def test_contacts_that_are_held_give_the_balance_of_each_sample():
     assert "solo12" in repr(found)
 
 
+@pytest.mark.long
 def test_a_corner_that_touches_without_a_force_is_an_edge_of_the_support():
     """Which corners of a face carry it is not determined; the face is the support."""
     run = sliding()
@@ -129,6 +131,7 @@ def test_axes_that_share_x_have_one_title_and_one_word_for_it():
     assert [ax.get_xlabel() for ax in axes] == ["", "", "t [s]"]
 
 
+@pytest.mark.long
 def test_diagrams_show_what_was_found():
     from matplotlib.figure import Figure
 
@@ -163,6 +166,7 @@ def test_the_balance_of_another_motion_is_not_drawn(draw):
         draw("run.npz")
 
 
+@pytest.mark.long
 def test_view_draws_support_pressure_and_capture_of_a_motion():
     found, run = parts(sliding(), balance=True), sliding()
     assert {f"balance/support/{i}" for i in range(4)} < found.keys()
@@ -182,6 +186,7 @@ def test_view_draws_support_pressure_and_capture_of_a_motion():
 _MARKED = ("cop", "capture_point", "dcm")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["balance", "forces", "light", "cones"])
 def test_what_is_drawn_is_chosen_by_true_or_false(name):
     with pytest.raises(cp.InvalidArgument, match=f"{name} = 3: True or False is needed"):

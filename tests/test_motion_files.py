@@ -141,6 +141,7 @@ def test_a_motion_without_samples_is_named():
         lost[2]
 
 
+@pytest.mark.long
 def test_one_of_them_is_judged_by_cones_and_drawn(tmp_path):
     pytest.importorskip("meshcat")
     scene = scene_of("talos feet")
@@ -154,6 +155,7 @@ def test_one_of_them_is_judged_by_cones_and_drawn(tmp_path):
     assert (tmp_path / "motion.html").stat().st_size > 10**6
 
 
+@pytest.mark.long
 def test_a_batch_without_samples_or_motions_can_be_in_a_file(tmp_path):
     path = tmp_path / "batch.npz"
     for batch in (small(record=None), small()[[]], small(record=None)[[]]):
@@ -165,6 +167,7 @@ def test_a_batch_without_samples_or_motions_can_be_in_a_file(tmp_path):
         assert not again.q.flags.writeable
 
 
+@pytest.mark.long
 def test_what_was_done_before_workers_were_lost_can_be_in_a_file(tmp_path):
     batch = small()
     lost = {"statuses": batch.statuses.copy(), "t": batch.t.copy(), "q": batch.q.copy()}
@@ -263,6 +266,7 @@ def test_files_that_are_cut_short_or_of_something_else(tmp_path):
         cp.Trajectory.load(batch)
 
 
+@pytest.mark.long
 def test_a_file_that_is_compressed_is_read(tmp_path):
     """As those of trajectories were, and as users may make them."""
     motion, path = small()[0], tmp_path / "run.npz"
@@ -273,6 +277,7 @@ def test_a_file_that_is_compressed_is_read(tmp_path):
     assert_same_motion(cp.Trajectory.load(path), motion)
 
 
+@pytest.mark.long
 def test_there_is_no_pickle_in_a_file(tmp_path):
     small().save(tmp_path / "batch.npz")
     with np.load(tmp_path / "batch.npz", allow_pickle=False) as file:
@@ -290,6 +295,7 @@ def save_bar(path: Path, **options: Any) -> cp.Trajectory:
     return found
 
 
+@pytest.mark.long
 def test_one_motion_is_saved_and_loaded(tmp_path):
     air, _ = falling()
     stop = cp.Event(
@@ -305,6 +311,7 @@ def test_one_motion_is_saved_and_loaded(tmp_path):
         assert str(again) == str(found)
 
 
+@pytest.mark.long
 def test_files_of_something_else(tmp_path):
     text, other, array = (tmp_path / name for name in ("text.npz", "other.npz", "array.npy"))
     text.write_text("no archive")
@@ -315,6 +322,7 @@ def test_files_of_something_else(tmp_path):
             cp.Trajectory.load(path)
 
 
+@pytest.mark.long
 def test_files_with_a_damaged_byte(tmp_path):
     good, bad = tmp_path / "good.npz", tmp_path / "bad.npz"
     save_bar(good)

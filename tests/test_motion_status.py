@@ -114,6 +114,7 @@ def test_limits_are_positive_numbers(value):
         cp.simulate(bar(), *bar().state(), duration=1e-2, limits=value)
 
 
+@pytest.mark.long
 def test_a_start_that_was_left_open_is_not_blamed_on_the_motion():
     scene = bar()
     q, v = scene.state()
@@ -125,6 +126,7 @@ def test_a_start_that_was_left_open_is_not_blamed_on_the_motion():
     assert run.status.ok, run.reason
 
 
+@pytest.mark.long
 def test_constraints_that_give_way_by_choice_are_ok():
     scene = bar()
     run = cp.simulate(scene, *scene.state(), duration=0.3, solver=cp.dynamics.Soft())
@@ -152,6 +154,7 @@ def test_a_joint_past_a_stop_of_the_scene():
     assert "StewartTrinkle" in narrow.reason
 
 
+@pytest.mark.long
 def test_a_limit_without_a_stop_is_named_with_its_cure():
     robot, q, v = limited_bar()
     run = cp.simulate(cp.Scene(robot, robot.loops), q, v, duration=0.5)
@@ -189,6 +192,7 @@ def test_a_motion_that_loses_its_energy_is_not_ok():
     assert cp.simulate(scene, q, v, duration=3.0, integrator=DormandPrince()).status.ok
 
 
+@pytest.mark.long
 def test_energy_of_a_damped_motion_is_as_accurate_as_the_motion():
     scene, rate = oscillator(4.0), np.sqrt(396.0)
     run = cp.simulate(
@@ -200,6 +204,7 @@ def test_energy_of_a_damped_motion_is_as_accurate_as_the_motion():
     assert np.abs(run.energy.error).max() < 1e-8
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("record", [3, 10, 30, 100])
 def test_few_samples_are_not_blamed_on_the_energy(record):
     """The work of the damper over few samples is not known: no energy is said to be lost."""
@@ -235,6 +240,7 @@ def test_quadrature_is_exact_for_degree_seven(coefficients, count, uneven):
     np.testing.assert_allclose(done, right, atol=1e-11)
 
 
+@pytest.mark.long
 def test_quadrature_beside_an_event_is_no_difference_of_rounding():
     t = np.sort(np.concatenate((np.linspace(0.0, 1.0, 11), [0.35, 0.35 + 1e-11])))
     for weights in hermite_weights(t):
@@ -264,6 +270,7 @@ def test_estimated_error_has_the_size_of_the_error(integrator, dt):
     assert 0.05 < run.error / apart(run, right.q[-1]) < 20
 
 
+@pytest.mark.long
 def test_estimated_error_falls_with_the_order():
     scene = bar()
     errors = [
@@ -273,6 +280,7 @@ def test_estimated_error_falls_with_the_order():
     assert 3 < errors[0] / errors[1] < 5.5
 
 
+@pytest.mark.long
 def test_free_flight_has_no_error_and_adaptive_steps_none_to_estimate():
     scene = cp.Scene(cp.model.free_ball(mass=1.0, radius=0.05))
     q, v = scene.state()
@@ -281,6 +289,7 @@ def test_free_flight_has_no_error_and_adaptive_steps_none_to_estimate():
     assert np.isnan(cp.simulate(scene, q, v, duration=0.5, integrator=DormandPrince()).error)
 
 
+@pytest.mark.long
 def test_a_fast_top_in_coarse_steps_says_how_far_it_is_off():
     model = pin.Model()
     j = model.addJoint(0, pin.JointModelFreeFlyer(), ONE, "top")
@@ -299,6 +308,7 @@ def test_a_fast_top_in_coarse_steps_says_how_far_it_is_off():
     assert not any("doubled steps" in notice for notice in fine.notices)
 
 
+@pytest.mark.long
 def test_torques_of_a_function_are_not_called_for_the_estimate():
     calls = []
 
@@ -316,6 +326,7 @@ def test_torques_of_a_function_are_not_called_for_the_estimate():
 # notices of answers --------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_notices_of_steps_come_through_once_with_their_time():
     scene, q, v = sliding_box()
     by_step = cp.step(scene, q, v, dt=1e-3)
@@ -327,6 +338,7 @@ def test_notices_of_steps_come_through_once_with_their_time():
         assert "t = 0 s" in said[0].removesuffix(notice)
 
 
+@pytest.mark.long
 def test_notices_of_solve_come_through_once_with_their_time():
     scene = bar()
     run = cp.simulate(scene, *scene.state(), duration=1.0, dt=0.5)
@@ -339,6 +351,7 @@ def test_notices_of_solve_come_through_once_with_their_time():
 # files and batches ---------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_file_has_the_status_and_its_limits(tmp_path):
     scene = bar()
     limits = MotionLimits(violation=1e-3, energy=np.inf)
@@ -373,6 +386,7 @@ def test_a_batch_has_status_and_reason_a_row(record, tmp_path):
 # steps ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 @given(st.integers(0, 1000), st.sampled_from([1e-3, 5e-3, 2e-2]), st.booleans())
 def test_energy_of_a_step_is_that_of_its_two_states(seed, dt, by_moreau):
     rng = np.random.default_rng(seed)

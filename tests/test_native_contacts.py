@@ -757,6 +757,7 @@ def test_motions(label, monkeypatch):
     assert_same_motions(case.make(), case.duration / 2, monkeypatch, record=10, **about)
 
 
+@pytest.mark.long
 def test_motions_on_feet_with_springs(monkeypatch):
     scene, Q, V, tau = walking()
     assert_same_motions(Start(scene, Q[0], V[0], tau), 0.05, monkeypatch, record=4)
@@ -800,6 +801,7 @@ def test_two_bodies_in_the_air(one, two, monkeypatch):
         assert_same_slopes(found, wanted)
 
 
+@pytest.mark.long
 def test_long_steps_end_where_shapes_meet_there(monkeypatch):
     """A rod that turns by a radian within a step meets a box in other points at its end."""
     group = pairs_of(SHAPES["capsule"], SHAPES["box"], (1e-2,), 30, speed=8.0)
@@ -966,6 +968,7 @@ def test_quaternions_that_are_off_are_normalised_as_in_python(monkeypatch):
     assert_array_equal(q, starts)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("how", ["stands", "slides", "falls"])
 def test_by_default_it_is_as_near_to_the_answer_as_python(how):
     """Python's ADMM leaves up to 1e-8 of what slides, and the core begins with Newton's method."""
@@ -976,6 +979,7 @@ def test_by_default_it_is_as_near_to_the_answer_as_python(how):
     assert found.natural.max() <= max(wanted.natural.max(), 1e-13)
 
 
+@pytest.mark.long
 def test_what_sticks_is_judged_by_its_velocity_too(monkeypatch):
     """Friction makes a thousand times too much of its slip."""
     scene, *state = on_a_rough_floor("talos", MOST_FRICTION)
@@ -1026,6 +1030,7 @@ def test_alternating_directions(contact, monkeypatch):
             assert not (slides and iterates) or found.natural.max() > 1e-12  # none is polished
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("contact", [ADMM(), ADMM(anderson=0), ADMM(polish=True)], ids=repr)
 def test_alternating_directions_of_islands(contact, monkeypatch):
     """Three bodies apart: each by itself."""
@@ -1074,6 +1079,7 @@ def test_what_the_core_leaves_of_a_motion_is_taken_by_python(monkeypatch):
     assert_same_samples(found, wanted, "lam", "contact")
 
 
+@pytest.mark.long
 def test_samples_behind_steps_of_python_have_their_energies(monkeypatch):
     """Where the core takes no step, every one is left to Python."""
 
@@ -1107,6 +1113,7 @@ def test_a_foot_that_is_held_is_anchored_where_each_motion_begins(monkeypatch):
     assert_allclose(found.violation, wanted.violation, rtol=0, atol=1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("corners", [slice(0, 8), slice(1, 4), slice(5, 8), slice(2, 6)])
 @pytest.mark.parametrize("soles", [1, 2])
 def test_corners_beside_soles_that_constraints_hold(soles, corners, monkeypatch):
@@ -1134,6 +1141,7 @@ def test_impulses_that_rounding_balances_are_not_ok_here_either(r):
     assert (batch.errors[ok, ERRORS.index("dynamics_error")] < 1e-9).all()
 
 
+@pytest.mark.long
 def test_steps_that_may_have_several_motions_are_pythons():
     """A box that slides and spins, one in a slot, and a ball that walls press from both sides."""
     cube = Box(0.1, 0.1, 0.1)
@@ -1198,6 +1206,7 @@ def test_dry_friction_of_zero_holds_nothing(speed, monkeypatch):
 # Paths of driven rows
 
 
+@pytest.mark.long
 def test_steps_of_other_times_are_of_these():
     """One core after the other, with memory of the same scene."""
     scene = plate().scene

@@ -480,6 +480,7 @@ def test_a_tick_begins_from_the_active_set_of_the_last():
     assert first.iterations > again.iterations == 0
 
 
+@pytest.mark.long
 def test_contacts_are_switched():
     scene = standing("solo12")
     python, core = pair(scene, tasks_of("solo12"), OCTAGON)
@@ -490,6 +491,7 @@ def test_contacts_are_switched():
         assert_same(python.use(now, tasks).solve(q, v), core.use(now, tasks).solve(q, v))
 
 
+@pytest.mark.long
 def test_nothing_is_locked_that_does_not_swing():
     (*_, law) = springs_of_cassie()
     core = Controller(law.scene, law.tasks, cones=law.cones, engine="core", **law.options)
@@ -503,6 +505,7 @@ def test_nothing_is_locked_that_does_not_swing():
 # What contradicts itself, cannot move, or is left to Python
 
 
+@pytest.mark.long
 def test_a_spring_that_loops_turn_is_left_to_python():
     """To lock what loops move contradicts the speed of the motor: rows that do not agree."""
     bar = cp.model.four_bar()
@@ -543,6 +546,7 @@ def test_what_contradicts_itself_is_told_as_by_python():
     assert_same(python.use(scene, tasks_of("solo12")).solve(q, v), stands.solve(q, v))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(6))
 def test_what_loops_hold_still_is_not_moved_by_what_rounding_leaves_of_it(seed):
     """Motors would take 1e17 N m; a task or a path that loops have decided is named."""
@@ -568,6 +572,7 @@ def test_what_loops_hold_still_is_not_moved_by_what_rounding_leaves_of_it(seed):
         assert str(mine.infeasible) == str(yours.infeasible)
 
 
+@pytest.mark.long
 def test_a_foot_that_others_hold_is_held():
     """Its rows over what is left to move are rounding, and their forces anything."""
     solo = robot("solo12")
@@ -633,6 +638,7 @@ def test_bad_input_is_named_and_nan_is_never_ok():
             law.solve([0.0, 0.1], [0.0, 0.0], 6.0)
 
 
+@pytest.mark.long
 def test_answers_are_the_callers_own_and_controllers_are_pickled():
     (q, v), (q2, v2) = states_of("solo12", 2)
     core = Controller(standing("solo12"), tasks_of("solo12"), cones=OCTAGON, engine="core")

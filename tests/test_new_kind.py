@@ -223,6 +223,7 @@ def test_it_is_drawn(scene, state):
     assert {f"closures/line~point/{each}" for each in ("frame_a", "frame_b", "gap")} <= set(drawn)
 
 
+@pytest.mark.long
 def test_summaries_and_gaps_have_it(scene, state):
     assert ("line~point", "OnCylinder", 1) in scene.summary().constraints
     assert pinocchio_constraints_of(scene).unsupported == ("line~point",)
@@ -230,6 +231,7 @@ def test_summaries_and_gaps_have_it(scene, state):
     assert cp.Workspace(scene).violation(state[0])[0] == pytest.approx(0.0, abs=1e-10)
 
 
+@pytest.mark.long
 def test_robot_toml_has_it(kind, robot, tmp_path):
     (tmp_path / "arms.xml").write_text(robot.to_mjcf())
     card = """
@@ -300,6 +302,7 @@ def test_questions_are_found():
     assert list(questions(ast.parse(textwrap.dedent(asked)))) == [2, 3, 4]
 
 
+@pytest.mark.long
 def test_rows_of_angles_are_differentiated_where_they_slip_too(robot, tmp_path):
     """The check compares with differences, and J v enters a_ref."""
     with kind_in_a_file("Cross", CROSS, tmp_path) as cross:

@@ -94,6 +94,7 @@ def test_rows_of_a_machine_that_is_singular_in_its_posture_count(kind: str, angl
         assert found.rank == 2
 
 
+@pytest.mark.long
 def test_velocities_count_by_what_they_do_to_a_beside_a_singular_posture() -> None:
     scene = flat_parallelogram("planar")
     along = np.array([1.0, -1.0, 1.0])
@@ -112,6 +113,7 @@ def test_a_loop_that_is_far_from_closed_is_not_left_out_silently() -> None:
     assert not found.status.ok
 
 
+@pytest.mark.long
 def test_noise_below_that_of_open_loops_is_told_where_it_decides() -> None:
     """1.9e-6 rad from flat the gap of 2e-12 rad turns a round, whatever method answers."""
     scene, rng = flat_parallelogram("ball"), np.random.default_rng(0)

@@ -387,6 +387,7 @@ def test_the_forces_do_no_work(label):
         assert np.allclose(whole, workspace.jacobian(q).T @ found.lam, atol=1e-10)
 
 
+@pytest.mark.long
 def test_a_force_knows_where_it_acts():
     scene = rolling("rolling_disc")
     q, v, _ = steady_disc(scene, 0.3, 5.0, 0.2, 0.1)
@@ -589,6 +590,7 @@ def test_assembly_closes_heights_and_leaves_the_rest(name):
         assert state_error.velocity > 0.5
 
 
+@pytest.mark.long
 def test_mobility_counts_directions_of_motion():
     for name, rows, mobility in (
         ("sleigh", 1, 2), ("unicycle", 2, 2), ("rolling_disc", 3, 3), ("rolling_ball", 3, 3),
@@ -614,6 +616,7 @@ def test_the_summary_lists_them_and_says_what_they_are():
     )
 
 
+@pytest.mark.long
 def test_a_wheel_without_a_height_stands_where_it_is():
     disc = replace(robot("rolling_disc"), precision=0.0)
     scene = cp.Scene(disc, [cp.constraints.RollingWheel("centre", 0.1)])
@@ -674,6 +677,7 @@ def test_loops_and_contacts_are_integrable(name):
     assert mechanism.is_integrable(scene, scene.sample(rng)[0])
 
 
+@pytest.mark.long
 def test_a_height_alone_is_integrable_and_so_is_a_wheel_that_cannot_steer():
     disc_ = robot("rolling_disc")
     assert mechanism.is_integrable(
@@ -687,6 +691,7 @@ def test_a_height_alone_is_integrable_and_so_is_a_wheel_that_cannot_steer():
     assert mechanism.is_integrable(cp.Scene(unicycle, [*on_rails, lock]))
 
 
+@pytest.mark.long
 def test_an_open_loop_is_not_judged():
     bar = robot("four_bar")
     scene = cp.Scene(bar, bar.loops)
@@ -696,6 +701,7 @@ def test_an_open_loop_is_not_judged():
         mechanism.is_integrable(scene, [0.1])
 
 
+@pytest.mark.long
 def test_a_bracket_that_vanishes_by_accident_does_not_decide():
     """A blade on the rocker of a four-bar that travels: where it turns back, it cannot steer."""
     model = pin.Model()
@@ -789,6 +795,7 @@ def test_nonsense_is_refused_by_name(make, said):
     assert said in str(error.value)
 
 
+@pytest.mark.long
 def test_what_does_not_fit_the_robot_is_refused_by_name():
     sleigh = robot("sleigh")
     with pytest.raises(cp.errors.UnknownName, match=r"no frame named 'blades'.*'blade'"):
@@ -802,6 +809,7 @@ def test_what_does_not_fit_the_robot_is_refused_by_name():
             cp.Scene(sleigh, [constraint])
 
 
+@pytest.mark.long
 def test_they_are_values():
     wheel = cp.constraints.RollingWheel(
         "w", 0.1, holds=["normal", "rolling"], normal=(0, 0, 3), height=1
@@ -822,6 +830,7 @@ def test_they_are_values():
     assert np.array_equal(cp.solve(again, q, v, tau).a, cp.solve(scene, q, v, tau).a)
 
 
+@pytest.mark.long
 def test_motors_find_their_torques_through_the_wheels():
     scene = cart()
     (q, v, _), *_ = states(scene, 1)
@@ -832,6 +841,7 @@ def test_motors_find_their_torques_through_the_wheels():
     assert np.allclose(found.tau, tau, atol=1e-10)
 
 
+@pytest.mark.long
 def test_a_coin_that_lies_flat_is_sent_to_a_solver_that_takes_it():
     coin = cp.model.rolling_disc(radius=0.1)
     scene = cp.Scene(coin, [cp.constraints.RollingWheel("centre", 0.1)])
@@ -854,11 +864,13 @@ def test_bounds_know_that_rounding_turns_a_wheel_that_lies_nearly_flat(lean):
     assert solution.status.ok == (lean > 1e-7)
 
 
+@pytest.mark.long
 def test_integrability_is_one_of_scenes():
     with pytest.raises(cp.InvalidArgument, match="scene = NoneType: a Scene is needed"):
         mechanism.is_integrable(None)
 
 
+@pytest.mark.long
 def test_a_car_may_have_no_trailer_but_not_less():
     assert cp.model.car(trailers=0).nv == cp.model.car().nv
     with pytest.raises(cp.InvalidArgument, match="trailers = -1: a whole number of at least 0"):

@@ -141,6 +141,7 @@ def test_names_from_files_are_escaped():
         assert not page.open
 
 
+@pytest.mark.long
 def test_a_run_that_failed_says_why():
     bar = cp.model.four_bar()
     scene = cp.Scene(bar, bar.loops)
@@ -170,6 +171,7 @@ def test_a_table_becomes_a_data_frame(monkeypatch):
     assert frame.attrs["machine"] == measured.machine
 
 
+@pytest.mark.long
 def test_pandas_has_the_numbers():
     if "CI" not in os.environ:
         pytest.importorskip("pandas")
@@ -182,6 +184,7 @@ def test_pandas_has_the_numbers():
     )
 
 
+@pytest.mark.long
 def test_a_motion_is_a_data_frame_with_its_joints_by_name():
     if "CI" not in os.environ:
         pytest.importorskip("pandas")
@@ -197,6 +200,7 @@ def test_a_motion_is_a_data_frame_with_its_joints_by_name():
     assert fall.to_pandas()["tau root_joint[5]"].tolist() == fall.tau[:, 5].tolist()
 
 
+@pytest.mark.long
 def test_a_batch_is_a_data_frame_with_a_motion_a_row():
     if "CI" not in os.environ:
         pytest.importorskip("pandas")
@@ -256,17 +260,20 @@ def test_without_pandas_the_remedy_is_named(monkeypatch):
         swinging().to_pandas()
 
 
+@pytest.mark.long
 def test_every_line_of_a_batch_has_a_label_of_its_own():
     """One that fills its column has one space behind it."""
     assert ">unexplained</th>" in many()._repr_html_()
 
 
+@pytest.mark.long
 def test_rounding_is_no_curve():
     t = np.linspace(0, 1, 9)
     assert "polyline" not in show.curve("energy", t, 14.3 + 1e-12 * t, "J")
     assert "polyline" in show.curve("unexplained", t, 1e-12 * t, "J")
 
 
+@pytest.mark.long
 def test_one_thing_is_not_several():
     text = cp.model.four_bar()._repr_html_()
     assert "1 loop<" in text

@@ -62,6 +62,7 @@ def test_residual_is_the_exact_one_rounded(seed):
         assert abs(found[i] - float(exact)) <= 1e-31 * size + 1e-15 * abs(float(exact))
 
 
+@pytest.mark.long
 def test_residual_of_what_is_not_finite_is_nan():
     found = exact_residual(np.array([[np.inf, 1.0], [1.0, 1.0]]), [np.zeros(2)], (np.ones(2),) * 2)
     assert np.isnan(found[0])
@@ -117,6 +118,7 @@ def test_held_and_free_motions_solve_what_the_minimum_norm_does(rows, rank):
     assert np.abs(J.T @ motions.N).max(initial=0.0) < 1e-12
 
 
+@pytest.mark.long
 def test_tangent_removes_what_the_constraints_see_and_nothing_else():
     rng = np.random.default_rng(0)
     M, J = system(rng)
@@ -298,6 +300,7 @@ def terms_of_a_light_joint() -> tuple[Terms, np.ndarray]:
     return terms, np.ones((2, 2))
 
 
+@pytest.mark.long
 def test_a_singular_value_that_rounding_made_does_not_count():
     """1e6 times larger in the metric of M, it was 5e-11 of the largest and held the joint."""
     terms, P = terms_of_a_light_joint()
@@ -310,12 +313,14 @@ def test_a_singular_value_that_rounding_made_does_not_count():
     assert abs(held[1]) < 1e9
 
 
+@pytest.mark.long
 def test_singular_values_above_rounding_count():
     terms, P = terms_of_a_light_joint()
     J = np.array([[1.0, 0.0], [1.0, 1e-6]])
     assert factorise(terms.M, J, REFERENCE_RANK).above_rounding(P).rank == 2
 
 
+@pytest.mark.long
 def test_a_slip_of_nothing_is_no_proof_where_j_is_rounding():
     """|e| <= |s| / sigma is no bound where J a itself is only known to eps P |a|."""
     terms, P = terms_of_a_light_joint()

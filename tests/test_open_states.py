@@ -72,6 +72,7 @@ def test_derivatives_are_those_of_the_answer(name, noise):
         along(answers_of(scene, state), step.ravel(), found.jvp(*step))
 
 
+@pytest.mark.long
 @pytest.mark.values
 @pytest.mark.parametrize("noise", [(0.0, 0.3), (1e-4, 0.03)], ids=str)
 @pytest.mark.parametrize("name", SMALL)
@@ -104,6 +105,7 @@ def test_differences_have_all_columns_and_check(name):
         assert np.abs(getattr(found, block) - wanted).max() < DERIVATIVES * size, block
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noise", [(0.0, 0.3), (1e-4, 0.03)], ids=str)
 def test_every_solver_has_the_same(noise):
     scene = machines()["cassie"]
@@ -239,6 +241,7 @@ def test_on_the_constraints_precision_changes_nothing(name, method):
         assert np.array_equal(getattr(had, block), getattr(wanted, block)), block
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("precision", [None, 0.0])
 @pytest.mark.parametrize("open_by", [0.0, 0.3])
 def test_a_door_that_is_nailed_to_its_cart(open_by, precision):
@@ -263,6 +266,7 @@ def test_closed_loops_that_open_have_the_answer_of_the_kept_rows(name):
     assert np.abs(found.lam - wanted.lam).max() < 1e-9 * max(np.abs(wanted.lam).max(), 1.0)
 
 
+@pytest.mark.long
 def test_the_rank_of_closed_loops_is_that_of_rounding():
     """Newton's steps from a posture that moved may end at a gap that tells rows apart."""
     for leans in (0.5, 0.6, 0.7, 0.8):
@@ -271,6 +275,7 @@ def test_the_rank_of_closed_loops_is_that_of_rounding():
         assert cp.solve(scene, *state).rank == 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gap", [1e-5, 1e-3])
 @pytest.mark.parametrize("name", ["bennett, flat", "three cranks", "bricard", "delta, hinges"])
 def test_forces_have_no_part_in_the_singular_subspace(name, gap):
@@ -303,6 +308,7 @@ def calls_of(workspace, *state):
     return names
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("gap", [1e-9, 1e-6, 1e-4])
 @pytest.mark.parametrize("name", ["four_bar, hinge", "four_bar, planar", "cart with a door"])
 def test_open_loops_cost_no_more_where_rows_are_redundant_everywhere(name, gap):
@@ -325,6 +331,7 @@ def test_open_loops_cost_no_more_where_rows_are_redundant_everywhere(name, gap):
     assert np.abs(held).max() < 100 * gap * size
 
 
+@pytest.mark.long
 @pytest.mark.values
 @pytest.mark.parametrize("gap", [0.0, 1e-9, 1e-6, 1e-4])
 @pytest.mark.parametrize(

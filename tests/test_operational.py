@@ -53,6 +53,7 @@ def test_a_free_box_off_its_centre():
     assert np.allclose(centre.Lambda, np.diag([2.0, 2.0, 2.0, 0.1, 0.2, 0.3]), atol=1e-12)
 
 
+@pytest.mark.long
 def test_held_fast_it_has_no_inertia_that_moves():
     talos = robot("talos")
     stance = cp.Scene(talos, talos.contacts)

@@ -216,6 +216,7 @@ def test_the_error_of_adaptive_steps_falls_with_the_tolerance(method):
     assert np.abs(powers - 1).max() < 0.1, powers
 
 
+@pytest.mark.long
 def test_the_first_forces_of_implicit_euler_mean_nothing():
     """Order s - 1 = 0 for lam in the first step, as its docstring says, and 1 behind it."""
     q, v = np.array([0.0, -1.0]), np.array([3.0, 0.0])

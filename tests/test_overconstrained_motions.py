@@ -201,6 +201,7 @@ def test_a_tick_at_noisy_encoders_is_that_of_the_closed_machine(standing, noise)
         assert np.abs(found.a - wanted.a).max() < 100 * noise * max(np.abs(wanted.a).max(), 9.81)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("noise", [0.0, 1e-7, 1e-4])
 def test_a_tick_at_noisy_velocities_is_solved(standing, noise):
     controller, scene, _ = standing

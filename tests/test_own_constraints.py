@@ -105,6 +105,7 @@ def test_accelerations_and_forces_are_those_of_pinocchio(opened):
     assert seen > 8
 
 
+@pytest.mark.long
 def test_with_a_velocity_that_opens_all_agree_but_6d_aligned_ones():
     """Pinocchio leaves out a term of these: its rows are not the rate of their velocities."""
     seen = 0
@@ -143,6 +144,7 @@ def tip_of(model, q=Q):
     return data.oMi[3] * TIP
 
 
+@pytest.mark.long
 def test_without_a_place_in_the_world_it_belongs_where_it_is():
     model = arm()
     for kind, wanted in ((POINT, cp.PointContact), (FRAME, cp.SurfaceContact)):
@@ -159,6 +161,7 @@ def test_without_a_place_in_the_world_it_belongs_where_it_is():
     assert (made.anchor, made.drift) == ((0.0, 0.0, 0.0), cp.Baumgarte(1.0, 2.0))
 
 
+@pytest.mark.long
 def test_a_list_of_both_kinds_and_a_vector_of_pinocchio():
     model = arm()
     robot = cp.Robot("arm", model)
@@ -222,6 +225,7 @@ def test_what_it_has_beside_is_refused_by_name(case):
     assert "constraint 0" in str(refused.value)
 
 
+@pytest.mark.long
 def test_a_joint_that_was_changed_counts_unless_pinocchio_keeps_the_old_one():
     model = arm()
     own = constraint(model, POINT, (3, TIP))

@@ -159,10 +159,12 @@ for wanted in (
     assert all("pip install ./native" in line for line in said[2:])
 
 
+@pytest.mark.long
 def test_marker_for_type_checkers_is_there():
     assert (PACKAGE / "py.typed").is_file()
 
 
+@pytest.mark.long
 def test_nothing_relies_on_a_wider_long_double():
     for path in PACKAGE.rglob("*.py"):
         found = "longdouble" in path.read_text().replace("long double", "")

@@ -45,6 +45,7 @@ def case(request, peers, tmp_path_factory):
     return scene, peers["exported"].load(folder)
 
 
+@pytest.mark.long
 def test_tree_is_the_robot(peers, case):
     scene, exported = case
     q, v, _ = exported.state(0)
@@ -79,6 +80,7 @@ def test_tangent_motions_stay_on_the_constraints(peers, case):
         assert np.abs(workspace.jacobian(moved) @ (v + h * dv)).max() < 100 * h**2
 
 
+@pytest.mark.long
 def test_error_of_derivatives_ignores_how_gaps_are_pulled_back(case):
     """Baumgarte's terms change da_dq, and not along motions that stay on the constraints."""
     scene, exported = case
@@ -89,6 +91,7 @@ def test_error_of_derivatives_ignores_how_gaps_are_pulled_back(case):
     assert exported.error("derivatives", 0, answer) < 1e-6
 
 
+@pytest.mark.long
 def test_mjcf_has_the_constraints_and_no_idle_sites(case):
     scene, exported = case
     model = mujoco.MjModel.from_xml_path(str(exported.folder / "scene.xml"))
@@ -96,6 +99,7 @@ def test_mjcf_has_the_constraints_and_no_idle_sites(case):
     assert model.nsite == 2 * len(exported.constraints)
 
 
+@pytest.mark.long
 def test_errors(case):
     _, exported = case
     a = exported.states["a"][0]
@@ -105,6 +109,7 @@ def test_errors(case):
     assert exported.error("motion", 0, exported.end) == 0.0
 
 
+@pytest.mark.long
 def test_difference_is_that_of_pinocchio_and_does_not_count_turns(case):
     scene, exported = case
     q = exported.states["q"][0]
@@ -122,6 +127,7 @@ def test_difference_is_that_of_pinocchio_and_does_not_count_turns(case):
             assert np.abs(exported.difference(q, turned)).max() < 1e-12
 
 
+@pytest.mark.long
 def test_harness_measures(peers, case):
     _, exported = case
     harness = peers["harness"]
@@ -155,6 +161,7 @@ def result(version: str, pinocchio: str, peer: str = "Toy", **changes: float) ->
     return {"peer": peer, "version": version, "pinocchio": pinocchio, "rows": [bare, row]}
 
 
+@pytest.mark.long
 def test_gather_takes_medians_over_passes_and_the_reference_of_the_pass(peers):
     gather = peers["table"].gather
     passes = [
@@ -173,6 +180,7 @@ def test_gather_takes_medians_over_passes_and_the_reference_of_the_pass(peers):
         gather([[result("2", "4.0.0")]])
 
 
+@pytest.mark.long
 def test_table_names_the_fastest_within_an_error(peers):
     table = peers["table"]
     fast = result("1", "4.1.0", "MuJoCo", method="soft", min_us=4.0, error_worst=1e-2)
@@ -184,6 +192,7 @@ def test_table_names_the_fastest_within_an_error(peers):
     assert made.fastest("s", "acceleration", "Drake", 1e-1) is None
 
 
+@pytest.mark.long
 def test_a_crash_is_told_in_a_sentence(peers, tmp_path):
     run, missing = peers["run"], peers["environments"].Missing
     for code, said in (
@@ -197,6 +206,7 @@ def test_a_crash_is_told_in_a_sentence(peers, tmp_path):
             run.run_script(python, "with_toy", [], tmp_path / "out.json", 1.0)
 
 
+@pytest.mark.long
 def test_the_line_that_tells_an_error_is_found(peers):
     last_line = peers["environments"].last_line
     assert (
@@ -207,6 +217,7 @@ def test_the_line_that_tells_an_error_is_found(peers):
     assert last_line("") == "no message"
 
 
+@pytest.mark.long
 def test_every_script_exists_and_says_what_it_computes(peers):
     for environment in peers["environments"].ENVIRONMENTS:
         for script in environment.scripts:

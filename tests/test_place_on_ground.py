@@ -56,6 +56,7 @@ def test_a_rail_on_the_floor_lifts_the_leg_that_stands_in_it(seed):
     assert np.array_equal(placed[:2], q[:2])
 
 
+@pytest.mark.long
 def test_what_does_not_float_or_touch_stays():
     arm = cp.model.pendulum()
     q = np.array([0.3])
@@ -65,6 +66,7 @@ def test_what_does_not_float_or_touch_stays():
     assert np.array_equal(place_on_ground(cp.Scene(ball), q), q)
 
 
+@pytest.mark.long
 def test_q_is_checked_and_kept():
     scene = cp.Scene(cp.model.free_ball(), contacts=[cp.FrictionalContact("ball", friction=0.5)])
     q, _ = scene.state()
@@ -75,6 +77,7 @@ def test_q_is_checked_and_kept():
         place_on_ground(scene, q[:3])
 
 
+@pytest.mark.long
 def test_contacts_that_never_let_go_have_no_floor_to_be_put_on():
     solo = cp.load_robot("solo12")
     scene = cp.Scene(solo, solo.contacts)
@@ -82,6 +85,7 @@ def test_contacts_that_never_let_go_have_no_floor_to_be_put_on():
         place_on_ground(scene, scene.state()[0])
 
 
+@pytest.mark.long
 def test_a_wall_attracts_nothing_and_lets_nothing_in():
     ball = cp.model.free_ball(radius=0.1)
     on = {"floor": Plane(), "wall": Plane((1.0, 0.0, 0.0), 0.0)}
@@ -99,6 +103,7 @@ def test_a_wall_attracts_nothing_and_lets_nothing_in():
     assert np.array_equal(place_on_ground(beside, q), q)
 
 
+@pytest.mark.long
 def test_another_body_in_the_air_does_not_move_the_base():
     two = cp.model.together({"a": cp.model.free_ball(), "b": cp.model.free_ball()})
     scene = cp.Scene(two, contacts=[
@@ -144,6 +149,7 @@ def test_a_base_that_is_tied_to_a_place_stays_there():
         hung.state(on_ground="yes")
 
 
+@pytest.mark.long
 def test_walls_too_near_each_other_do_not_move_it():
     """A ball of 20 cm in a slot of 10 cm: out of either wall it is in the other."""
     walls = {"left": Plane((1.0, 0.0, 0.0), -0.05), "right": Plane((-1.0, 0.0, 0.0), -0.05)}

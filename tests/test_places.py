@@ -163,6 +163,7 @@ def test_forces_springs_contacts_and_tasks_take_it():
         assert np.allclose(*answers, atol=1e-6)
 
 
+@pytest.mark.long
 def test_it_is_a_value_that_files_keep(tmp_path):
     named, knee = solo()
     contact = cp.SurfaceContact((knee, TURNED), axes="world")
@@ -282,6 +283,7 @@ def test_a_joint_with_the_name_of_the_world_is_not_the_world(name):
         assert odd.frame((0, AHEAD))[0] == 0
 
 
+@pytest.mark.long
 def test_names_of_joints_may_have_brackets_and_lines():
     odd = cp.Robot("odd", chain("a + [1 2 3]", "b (#1)", "c\nd", "e + [1"))
     for number, name in enumerate(odd.joints, start=1):
@@ -309,6 +311,7 @@ def test_places_on_places_have_an_end():
         named.frame(joint + 1500 * step)
 
 
+@pytest.mark.long
 def test_a_quaternion_of_any_size_is_a_rotation():
     named, _ = solo()
     for size in ("1e-320", "1e-200", "1E200", "1e308"):
@@ -395,6 +398,7 @@ def test_forces_of_steps_and_batches_are_in_the_axes_that_are_wanted(scheme):
     assert np.array_equal(batch.lam, cp.solve_batch(own_scene, Q, V, tau).lam)
 
 
+@pytest.mark.long
 def test_what_is_printed_of_a_constraint_has_no_defaults():
     loop = cp.Loop("a", "b", name="l")
     assert repr(loop) == "Loop(name='l', frame_a='a', frame_b='b')"
@@ -407,6 +411,7 @@ def test_what_is_printed_of_a_constraint_has_no_defaults():
     assert [eval(repr(each), known) for each in (loop, contact)] == [loop, contact]
 
 
+@pytest.mark.long
 def test_fields_that_take_any_frame_are_annotated_so():
     frame = cp.constraints.FrameLike
     for kind, field in (
@@ -434,6 +439,7 @@ name = "tip"
 """
 
 
+@pytest.mark.long
 def test_files_of_robots_name_places_too(tmp_path):
     (tmp_path / "two.urdf").write_text(f'<robot name="two">{LINKS}</robot>', encoding="utf-8")
     (tmp_path / "robot.toml").write_text(TOML, encoding="utf-8")

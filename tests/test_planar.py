@@ -69,6 +69,7 @@ def assembled(scene: cp.Scene, seed: int = 0) -> tuple[np.ndarray, np.ndarray, n
     return q, v, 5.0 * rng.normal(size=scene.robot.nv)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("axis", ["x", "y", "z"])
 @pytest.mark.parametrize("solver", FAST, ids=lambda s: type(s).__name__)
 def test_the_fast_methods_take_a_pin_in_a_plane(solver, axis):
@@ -85,6 +86,7 @@ def test_the_fast_methods_take_a_pin_in_a_plane(solver, axis):
     assert all(relative(one.components, two.components) < SOLVED for one, two in forces)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("swap", [False, True])
 def test_forces_are_those_on_the_first_frame(swap):
     state = assembled(pins(legged()))
@@ -126,6 +128,7 @@ def test_closed_loops_are_solved_by_pinocchio():
     assert workspace.solve(*state).iterations <= 4
 
 
+@pytest.mark.long
 def test_derivatives_are_those_of_the_pin():
     scene = pins(legged("x"), "x")
     cp.derivatives(scene, *assembled(scene), check=True)
@@ -133,6 +136,7 @@ def test_derivatives_are_those_of_the_pin():
     drifting.derivatives(*assembled(scene), check=True)
 
 
+@pytest.mark.long
 def test_a_pin_in_space_has_no_equivalent():
     """Bodies that leave the plane, or shift across it, are free along the axis."""
     model = pin.Model()

@@ -46,11 +46,13 @@ def test_a_figure_for_a_paper_is_as_wide_as_a_column(swinging, tmp_path):
         plots.style("poster").__enter__()
 
 
+@pytest.mark.long
 def test_no_two_lines_are_alike():
     looks = {(style["color"], style["ls"]) for style in map(show.line, range(32))}
     assert len(looks) == 32
 
 
+@pytest.mark.long
 def test_violation_is_that_of_the_motion(swinging, ax):
     assert plots.violation(swinging, ax) is ax
     drawn = lines(ax)
@@ -62,6 +64,7 @@ def test_violation_is_that_of_the_motion(swinging, ax):
     assert "[s]" in ax.get_xlabel()
 
 
+@pytest.mark.long
 def test_energies_add_up(swinging, ax):
     plots.energy(swinging, ax)
     drawn = lines(ax)
@@ -88,6 +91,7 @@ def standing():
     return cp.simulate(floor, cp.mechanism.place_on_ground(floor, q), v, duration=0.01, dt=1e-3)
 
 
+@pytest.mark.long
 def test_panels_above_one_another_have_a_legend_once(standing):
     from matplotlib.figure import Figure
 
@@ -99,6 +103,7 @@ def test_panels_above_one_another_have_a_legend_once(standing):
     assert plots.normal_forces(standing, ax=Figure().subplots()).get_legend()
 
 
+@pytest.mark.long
 def test_names_of_contacts_are_within_the_picture():
     talos = cp.load_robot("talos")
     floor = cp.Scene(talos, contacts=talos.frictional_contacts(friction=0.7))
@@ -188,6 +193,7 @@ def test_a_picture_of_several_scenes_has_one_legend(tmp_path, monkeypatch):
     assert {"Null space", "Pareto front", "limit of status ok"} <= set(words)
 
 
+@pytest.mark.long
 def test_the_overview_counts_what_the_file_says():
     from pathlib import Path
 

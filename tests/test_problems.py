@@ -40,12 +40,14 @@ def each(request) -> Problem:
 # What every problem keeps
 
 
+@pytest.mark.long
 def test_a_problem_starts_closed_and_consistent(each):
     workspace = cp.Workspace(each.scene)
     assert np.abs(workspace.violation(each.q0)).max() < 1e-15
     assert np.abs(workspace.jacobian(each.q0) @ each.v0).max() < 1e-15
 
 
+@pytest.mark.long
 def test_a_problem_starts_where_its_answer_does(each):
     observed = each.observe(each.q0, each.v0)
     if each.only_at:
@@ -56,6 +58,7 @@ def test_a_problem_starts_where_its_answer_does(each):
         assert np.abs(observed - each.answer(0.0)).max() < 1e-14
 
 
+@pytest.mark.long
 def test_a_problem_is_a_value(each):
     again = pickle.loads(pickle.dumps(each))
     assert again == each
@@ -255,6 +258,7 @@ def test_two_problems_of_one_name_are_refused():
             name = "A01"
 
 
+@pytest.mark.long
 def test_loading():
     assert lab.load_problem("A02", n=7).n == 7
     with pytest.raises(cp.errors.UnknownName, match="did you mean 'A02'"):
@@ -278,6 +282,7 @@ def test_a_problem_meets_its_finest_limit_as_it_is_set(label):
     assert result.verdict.startswith("met: ")
 
 
+@pytest.mark.long
 def test_what_is_promised():
     """The figures of docs/results.md."""
     pendulum, four_bar, bricard = as_set("A01"), as_set("A02"), as_set("A04")
@@ -298,6 +303,7 @@ def test_forty_cells_through_the_flat_posture_forty_times():
     assert result.violation < 1e-8
 
 
+@pytest.mark.long
 def test_a_part_of_a_problem_earns_no_verdict():
     result = lab.load_problem("A04").run(duration=1.0)
     assert result.verdict == "no verdict: 1 s of 10 s"
@@ -312,6 +318,7 @@ def test_the_error_falls_with_the_order_of_the_integrator():
     assert np.log2(coarse.error / fine.error) == pytest.approx(4.0, abs=0.4)
 
 
+@pytest.mark.long
 def test_a_motion_that_ends_early_is_a_failure_and_not_an_exception():
     """Without drift control the third singular passage or so is the last."""
     result = lab.load_problem("A02").run(drift=NoDrift(), dt=0.005)
@@ -336,18 +343,21 @@ def test_what_cannot_be_run_is_refused(options, said):
         lab.load_problem("A01").run(**options)
 
 
+@pytest.mark.long
 def test_a_problem_known_at_its_end_only_runs_to_there():
     with pytest.raises(cp.InvalidArgument, match=r"duration = 0.01: .* known at 0.03 and 0.05 s"):
         lab.load_problem("A03").run(duration=0.01)
     assert lab.load_problem("A03").run(duration=0.05).error < 1e-10
 
 
+@pytest.mark.long
 def test_limits_are_judged_by_what_the_problem_says():
     result = lab.load_problem("A01").run(dt=0.01, drift=cp.Baumgarte(3.0, 3.0))
     assert result.judged == result.energy_drift
     assert result.met == (Limit("5e-5 J", 5e-5, "what EXUDYN's example aims at"),)
 
 
+@pytest.mark.long
 def test_a_setting_is_used_as_a_whole_or_not_at_all():
     one = lab.load_problem("A04")
     assert one.run(duration=0.1).setting == one.setting
@@ -371,6 +381,7 @@ def run(*words: str):
     return CliRunner().invoke(app, ["problem", *words])
 
 
+@pytest.mark.long
 def test_the_command_lists_every_problem():
     output = run().output
     for name in lab.PROBLEMS:

@@ -62,6 +62,7 @@ def pushed(scene: cp.Scene, **more: object) -> PushBound:
     return push_bound(scene, pin.neutral(scene.robot.model), (1, 0, 0), cones=ROUGH, **more)
 
 
+@pytest.mark.long
 def test_motors_of_the_legs_may_have_gears_and_limits_of_their_own() -> None:
     """Limits of motors are those of their joints over the gear; a limit of a joint is named so."""
     force = 1.3 * MASS * G / 4 * np.sqrt(LONG**2 + WIDE**2 + HIGH**2) / HIGH
@@ -106,6 +107,7 @@ def test_a_mass_on_legs_that_push_with_a_force_at_most_by_hand(share: float) -> 
     assert found.speed_at(2 * rest) == 0.0
 
 
+@pytest.mark.long
 def test_with_motors_of_any_strength_it_is_the_inverted_pendulum() -> None:
     free = pushed(table(20.0), torque=False)
     assert free.speed == pytest.approx(capturable_speed(LONG, HIGH), rel=1e-3)
@@ -158,6 +160,7 @@ def test_a_bound_grows_with_its_motors() -> None:
         push_bound(cp.Scene(limited(made, 0.1), made.contacts), q, corner, cones=FLOOR)
 
 
+@pytest.mark.long
 def test_a_robot_of_mirrored_legs_has_a_mirrored_bound() -> None:
     made = robot("solo12")
     scene = cp.Scene(limited(made, 2.7), made.contacts)

@@ -119,6 +119,7 @@ def test_a_solver_that_says_infeasible_by_mistake_is_not_believed(monkeypatch):
     assert solved > 5
 
 
+@pytest.mark.long
 def test_a_polish_takes_a_rough_answer_to_rounding():
     rng = np.random.default_rng(5)
     polished = 0
@@ -149,6 +150,7 @@ def test_dependent_rows_have_an_answer():
     assert all(np.abs(found.x - answers[0].x).max() < 1e-10 for found in answers)
 
 
+@pytest.mark.long
 def test_what_gives_and_what_stands_against_it():
     """x >= 1 and x <= -1, of which only the first may give: by 2."""
     C, none = np.ones((2, 1)), np.zeros((0, 1))
@@ -226,6 +228,7 @@ def test_bad_parameters_are_refused():
     assert qp_solver.QPS["daqp"] is DAQP
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("qp", [ProxQP(), DAQP(), Quadprog()], ids=repr)
 def test_equations_are_independent_whatever_their_sizes(qp):
     """That of a rod that spins is 1e-7 of that of a force, and was taken for a contradiction."""
@@ -253,6 +256,7 @@ def test_a_program_without_unknowns_is_a_question_of_its_bounds():
         assert (found.elastic is None) == fine
 
 
+@pytest.mark.long
 def test_bounds_that_are_crossed_are_no_answer_of_the_last_active_set():
     """x <= 1 was active, and then x >= 2 is asked for too: no x, and x = 1 violates it by 1."""
 

@@ -60,6 +60,7 @@ def commands() -> set[str]:
     return {each.command for subjects in found for each in subjects}
 
 
+@pytest.mark.long
 def test_every_result_is_named_as_a_command():
     names = {command.replace(" ", "_") for command in commands()}
     for path in RESULTS.iterdir():
@@ -74,6 +75,7 @@ def named(text: str) -> set[str]:
             or pair[0] == "peers"}  # fmt: skip
 
 
+@pytest.mark.long
 def test_every_command_that_a_page_names_is_there():
     known = commands()
     for page in ("README.md", "CONTRIBUTING.md", *PAGES):
@@ -138,6 +140,7 @@ def test_x_dense_is_against_the_fastest_of_the_dense():
     assert max(fast) > 1.5
 
 
+@pytest.mark.long
 def test_beside_mujoco_a_motion_that_stands_still_has_no_error():
     import simulation_vs_mujoco as versus
 
@@ -168,6 +171,7 @@ def test_beside_mujoco_no_answer_is_less_accurate_than_asked_for():
     assert said in words("docs/results.md")
 
 
+@pytest.mark.long
 def test_batches_are_ok_and_the_same_and_no_less_accurate_than_mujoco():
     import batch
     import script
@@ -185,6 +189,7 @@ def test_batches_are_ok_and_the_same_and_no_less_accurate_than_mujoco():
         assert mine.simulated > theirs.simulated
 
 
+@pytest.mark.long
 def test_conjugate_gradients_are_right_on_long_chains():
     import script
 
@@ -194,6 +199,7 @@ def test_conjugate_gradients_are_right_on_long_chains():
     assert all(row["error"] < 1e-6 for row in rows if row["method"] == "ConjugateGradient")
 
 
+@pytest.mark.long
 def test_weights_are_of_families_that_there_are():
     import script
     import solvers

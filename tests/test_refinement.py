@@ -39,6 +39,7 @@ def test_two_corrections_of_a_damped_solve_reach_rounding(label):
         assert solution.status.ok
 
 
+@pytest.mark.long
 def test_forces_are_those_of_the_refined_answer():
     scene = all_scenes()["cassie on lines"]  # edges, which Pinocchio imitates
     rough = cp.Proximal(mu=1e-5 * scene.nominal.delassus_norm, max_iterations=1)
@@ -55,6 +56,7 @@ def test_auto_is_the_default():
     assert "auto" not in repr(cp.Proximal(mu="auto", refinements=1))
 
 
+@pytest.mark.long
 @pytest.mark.values
 @pytest.mark.parametrize("kind", [cp.Proximal, cp.DenseKKT])
 @pytest.mark.parametrize("refinements", [-1, 1.5, True, 101, np.nan, "two"])
@@ -63,6 +65,7 @@ def test_a_number_of_corrections_that_is_none_is_refused(kind, refinements):
         kind(refinements=refinements)
 
 
+@pytest.mark.long
 def test_a_word_that_is_no_weight_is_refused():
     with pytest.raises(cp.InvalidArgument, match="mu"):
         cp.Proximal(mu="best")

@@ -47,6 +47,7 @@ def test_a_leaning_rod_rebounds(e: float, friction: float, speed: float, change:
         assert_allclose(gained(problem, found.lam), change, atol=1e-9)
 
 
+@pytest.mark.long
 def test_slip_that_turns_ends_where_the_work_is_given_back() -> None:
     """A box of 1 kg on one corner; the path in space against steps of its normal impulse."""
     R, r = pin.rpy.rpyToMatrix(0.5, 0.3, 0.2), np.array([-0.1, -0.06, -0.04])
@@ -124,6 +125,7 @@ def test_a_chain_of_impacts_passes_on(masses: tuple[float, ...], ends: tuple[flo
     assert_allclose(v + J.T @ found.lam / masses, ends, atol=1e-12)
 
 
+@pytest.mark.long
 def test_contacts_at_once_are_said() -> None:
     problem, J, v = cradle((1, 1, 1))
     found = Energetic().strike(problem, np.ones(2), always=True)
@@ -146,6 +148,7 @@ def kinetic(scene: cp.Scene, q: np.ndarray, v: np.ndarray) -> float:
     return float(pin.computeKineticEnergy(model, model.createData(), q, v))
 
 
+@pytest.mark.long
 def test_steps_and_events_do_not_gain() -> None:
     scene, q, v = falling_rod()
     before = kinetic(scene, q, v)
@@ -236,6 +239,7 @@ def test_derivatives_of_an_impact(offset: tuple[float, float, float]) -> None:
     assert_allclose(of.dv_drestitution[:, 0], (more - end(q, v)) / h, atol=1e-4)
 
 
+@pytest.mark.long
 def test_what_is_no_law_is_refused() -> None:
     with pytest.raises(cp.InvalidArgument, match="restitution_law = 'newton'"):
         cp.Moreau(restitution_law="newton")  # type: ignore[arg-type]
@@ -263,6 +267,7 @@ def test_moreau_is_of_second_order_with_springs_and_torques() -> None:
     assert 3.5 < errors[0] / errors[1] < 4.5
 
 
+@pytest.mark.long
 def test_stiff_dampers_do_not_swing_on_in_moreaus_steps() -> None:
     model = pin.Model()
     j = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
@@ -299,6 +304,7 @@ def test_shapes_that_pass_through_each_other_are_said(beside: bool) -> None:
     assert any("pass through each other" in notice for notice in run.notices) is not beside
 
 
+@pytest.mark.long
 def test_a_bead_stays_on_a_board_that_tilts() -> None:
     model, still = pin.Model(), pin.SE3.Identity()
     hinge = model.addJoint(0, pin.JointModelRY(), still, "hinge")

@@ -17,6 +17,7 @@ from condyn_pin.model import CoupledMotor
 from condyn_pin.model.smaller import lock_joints
 
 
+@pytest.mark.long
 def test_postures_cannot_be_written():
     posture = robot("talos").postures["half_sitting"]
     with pytest.raises(ValueError, match="read-only"):
@@ -38,6 +39,7 @@ def test_postures_keep_their_last_digits(name):
     assert np.linalg.norm(once.postures["home"][3:7]) == pytest.approx(1.0, abs=1e-15)
 
 
+@pytest.mark.long
 def test_talos_carries_rotor_inertia():
     talos = robot("talos")
     joint = talos.model.joints[talos.model.getJointId("leg_left_4_joint")]
@@ -45,6 +47,7 @@ def test_talos_carries_rotor_inertia():
     assert len(talos.actuated) == talos.nv - 6
 
 
+@pytest.mark.long
 def test_talos_counts_only_joints_that_move_as_unused():
     assert any("limits" in text and "32 joints" in text for text in robot("talos").unused)
 
@@ -83,6 +86,7 @@ def test_with_frame_adds_one_and_leaves_the_robot_alone():
     assert np.abs(one.forces["toe"] - R.T @ two.forces["left_sole_link"]).max() < 1e-9
 
 
+@pytest.mark.long
 def test_frames_of_the_world():
     bar = robot("four_bar").with_frame("wall", "world", [0.4, 0.0, 0.5])
     joint, placement = bar.frame("wall")
@@ -90,6 +94,7 @@ def test_frames_of_the_world():
     assert placement.translation.tolist() == [0.4, 0.0, 0.5]
 
 
+@pytest.mark.long
 def test_an_edited_model_is_made_a_robot_by_replace():
     talos = cp.load_robot("talos")
     model = pin.Model(talos.model)
@@ -100,6 +105,7 @@ def test_an_edited_model_is_made_a_robot_by_replace():
     assert np.abs(cp.solve(cp.Scene(floating), q, 0 * q[1:], 0 * q[1:]).a).max() < 1e-12
 
 
+@pytest.mark.long
 def test_a_folder_is_a_robot(tmp_path):
     """A URDF with a loop: two rods that hang from a beam, joined at the ends by a bar."""
     (tmp_path / "swing.urdf").write_text(SWING)
@@ -129,6 +135,7 @@ def swing_of(tmp_path, card: str) -> cp.Robot:
     return cp.load_robot(tmp_path)
 
 
+@pytest.mark.long
 def test_a_card_has_motors_on_several_joints(tmp_path):
     tables = (
         '[[coupled_motors]]\nname = "sum"\njoints = { left = 1, right = 1 }\nlimits = [0, 30]\n'
@@ -152,6 +159,7 @@ def test_a_card_has_motors_on_several_joints(tmp_path):
             swing_of(tmp_path, f"{CARD}[[coupled_motors]]\n{wrong}\n")
 
 
+@pytest.mark.long
 def test_motors_on_several_joints_are_of_the_robot(tmp_path):
     swing = swing_of(tmp_path, CARD).with_motors("bottom", *PAIR)
     assert (swing.actuated, swing.coupled_motors) == (("bottom",), PAIR)
@@ -191,6 +199,7 @@ def test_frames_of_a_card_carry_contacts(tmp_path):
     assert cp.Scene(swing, swing.contacts).rows == 3
 
 
+@pytest.mark.long
 def test_a_urdf_alone_is_a_robot(tmp_path):
     path = tmp_path / "swing.urdf"
     path.write_text(SWING)
@@ -225,6 +234,7 @@ def test_an_axis_of_a_loop_is_there_where_its_kind_has_one(tmp_path, kind, match
         cp.load_robot(tmp_path)
 
 
+@pytest.mark.long
 def test_a_loop_that_is_open_where_a_posture_puts_it_is_told(tmp_path):
     (tmp_path / "swing.urdf").write_text(SWING)
     (tmp_path / "robot.toml").write_text(CARD)
@@ -307,6 +317,7 @@ def test_limits_that_are_infinite_are_pickled():
         assert np.isinf(once.model.velocityLimit).all()
 
 
+@pytest.mark.long
 def test_bodies_that_do_not_touch_are_kept():
     bar = robot("four_bar")
     crank, rocker, *_ = bar.joints

@@ -15,6 +15,7 @@ def cassie():
     return cp.load_robot("cassie")
 
 
+@pytest.mark.long
 def test_indices_are_those_of_the_model(cassie):
     knee = cassie.model.joints[cassie.model.getJointId("left-knee-op")]
     assert cassie.index_q("left-knee-op") == knee.idx_q
@@ -22,6 +23,7 @@ def test_indices_are_those_of_the_model(cassie):
     assert cassie.index_q("left-knee-op") != cassie.index_v("left-knee-op")  # it floats
 
 
+@pytest.mark.long
 def test_a_joint_with_several_numbers_has_no_index(cassie):
     with pytest.raises(cp.InvalidArgument, match=r"7 numbers in q, q\[0:7\].*configuration"):
         cassie.index_q("root_joint")
@@ -29,6 +31,7 @@ def test_a_joint_with_several_numbers_has_no_index(cassie):
         cassie.index_v("root_joint")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("ask", ["index_q", "index_v"])
 def test_a_wrong_name_brings_near_ones(cassie, ask):
     with pytest.raises(cp.errors.UnknownName, match="'left-knee-op'"):
@@ -51,6 +54,7 @@ def test_a_configuration_sets_what_it_names_and_keeps_the_rest(cassie):
     assert np.array_equal(cassie.configuration({}, start=q), q)
 
 
+@pytest.mark.long
 def test_values_and_configuration_are_inverse(cassie):
     q = pin.randomConfiguration(cassie.model, -np.ones(cassie.nq), np.ones(cassie.nq))
     again = cassie.configuration(cassie.joint_values(q))
@@ -85,6 +89,7 @@ def test_values_that_cannot_be_are_refused(cassie, values, what):
         cassie.configuration(values)
 
 
+@pytest.mark.long
 def test_a_start_of_another_size_is_refused(cassie):
     with pytest.raises(cp.InvalidArgument, match="start"):
         cassie.configuration({}, start=np.zeros(3))
@@ -112,6 +117,7 @@ def test_frame_pose_is_pinocchios(cassie):
         cassie.frame_pose(q, "pelvi")
 
 
+@pytest.mark.long
 def test_another_mass_has_the_same_centre_and_an_inertia_in_proportion(cassie):
     joint = "left-knee-op"
     index = cassie.model.getJointId(joint)
@@ -152,6 +158,7 @@ def test_a_body_without_mass_has_no_inertia_to_grow():
         cp.Robot("light", model).with_masses({first: 1.0})
 
 
+@pytest.mark.long
 def test_a_link_in_the_place_of_a_joint_is_told_its_joint(cassie):
     with pytest.raises(cp.errors.UnknownName, match="that 'root_joint' moves; did you mean"):
         cassie.with_masses({"pelvis": 3.0})

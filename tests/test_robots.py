@@ -104,6 +104,7 @@ def test_loops_close_at_the_first_posture(name):
     assert np.linalg.matrix_rank(equations.jacobian(q), tol=1e-9) == figures.rank
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["talos_full", "g1", "cassie", "stewart", "andrews"])
 def test_loading_takes_few_calls(name):
     """A tenth of a second: most have 60 000 calls, of a microsecond or two."""
@@ -128,6 +129,7 @@ def feet(loaded: cp.Robot, q: np.ndarray) -> list[pin.SE3]:
     return found
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", GROUND)
 def test_feet_stand_on_the_ground(name):
     loaded = robot(name)
@@ -137,6 +139,7 @@ def test_feet_stand_on_the_ground(name):
         assert np.allclose(heights, GROUND[name], rtol=0, atol=1e-4)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", GROUND)
 def test_every_foot_pushes_at_the_first_posture(name):
     """The smallest forces that balance the weight are all upwards: none has to hold it down."""
@@ -152,6 +155,7 @@ def test_every_foot_pushes_at_the_first_posture(name):
     assert np.allclose(forces.sum(axis=0), [0, 0, 9.81 * loaded.mass], atol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", GROUND)
 def test_every_joint_but_the_base_has_a_motor(name):
     loaded = robot(name)
@@ -159,6 +163,7 @@ def test_every_joint_but_the_base_has_a_motor(name):
     assert passive == PASSIVE.get(name, 0)
 
 
+@pytest.mark.long
 def test_fingers_of_the_panda_can_be_coupled():
     panda = robot("panda")
     fingers = cp.constraints.Coupling("panda_finger_joint2", "panda_finger_joint1")
@@ -170,6 +175,7 @@ def test_fingers_of_the_panda_can_be_coupled():
     assert a[-1] > 1
 
 
+@pytest.mark.long
 def test_g1_stands_over_its_feet():
     g1 = robot("g1")
     q = g1.postures["standing"]

@@ -146,6 +146,7 @@ def test_a_free_robot_in_each_mode(state, scheme):
     assert by_tau < 1e-10
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", HARD, ids=lambda s: type(s).__name__)
 @pytest.mark.parametrize("speed", [0.05, 1.0])
 def test_loops_and_springs(scheme, speed):
@@ -161,6 +162,7 @@ def test_loops_and_springs(scheme, speed):
     assert np.abs(J @ of.dq_dtau).max() < 1e-12  # loops stay closed, whatever acts
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", HARD, ids=lambda s: type(s).__name__)
 def test_what_belongs_wherever_it_is_is_not_pulled_back(scheme):
     """Feet without an anchor, by states that move them: the step leaves them where they are."""
@@ -239,6 +241,7 @@ def test_a_motion_that_a_drift_scheme_moves_is_not_that_of_a_route():
             trajectory_derivatives(motion(drift=drift))
 
 
+@pytest.mark.long
 def test_kappa_has_an_answer_where_feet_hit_the_floor_fast():
     """Solo12 at 10 rad/s: a path that ends short of an answer begins again further out."""
     scene, q = solo()
@@ -292,6 +295,7 @@ def test_corners_that_strike_at_once_have_slopes_of_one_way_and_a_sentence(route
     assert "strike at once" in of.notices[0]
 
 
+@pytest.mark.long
 def test_what_is_about_to_slip_is_one_sided():
     assert pushed(0.5 * (9.81 + 0.2 * 1e-6 / 1e-4), ActiveSet()).one_sided
     assert not pushed(3.0, ActiveSet()).one_sided
@@ -330,6 +334,7 @@ def test_a_smooth_problem_without_an_answer_is_named():
         Kappa(1e-3).law(problem, np.zeros(3), 1.0, 1.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kappa", [1e-2, 1e-4])
 def test_what_rests_keeps_resting_by_a_smooth_law(kappa):
     """A box by Moreau's steps: above the floor by kappa g dt^2, and never in free fall."""
@@ -345,6 +350,7 @@ def test_what_rests_keeps_resting_by_a_smooth_law(kappa):
     assert 0.0 < q[2] - 0.04 == pytest.approx(4 * kappa * 9.81 * dt**2, rel=1e-2)
 
 
+@pytest.mark.long
 def test_redundant_contacts_change_by_the_least():
     box = cp.model.free_box(mass=1.0, size=(0.2, 0.2, 0.1))
     floor = cp.FrictionalContact("box", cp.constraints.Box(0.1, 0.1, 0.05), friction=0.5)
@@ -493,6 +499,7 @@ def above_the_floor(gap: float, seed: int) -> np.ndarray:
     return q
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(4))
 def test_noise_however_small_finds_how_a_plane_body_turns(seed):
     """Of turns of 1e-8 rad, as small noise makes them in a step, Pinocchio's difference loses."""
@@ -522,6 +529,7 @@ def test_the_time_of_an_impact_of_a_plane_body_that_turns_slowly(seed):
     assert np.abs(np.hstack([of.dq_dq, of.dq_dv])[2] - by).max() < 1e-6
 
 
+@pytest.mark.long
 def test_noise_finds_the_slope_where_the_step_is_smooth():
     scene, q = solo()
     v = np.concatenate([STATES["slide"], np.zeros(12)])
@@ -583,6 +591,7 @@ def test_noise_takes_no_friction_below_zero():
         now.derivatives(route=Randomised(20, 1e-2), wrt=["friction"])
 
 
+@pytest.mark.long
 def test_noise_smooths_the_kink_between_stick_and_slip():
     # E[slope] over a normal force: half of 1e-2 at the kink itself
     ball = cp.model.free_ball(mass=1.0, radius=0.05)
@@ -643,6 +652,7 @@ def test_through_a_motion(scheme):
     assert np.abs(of.by("friction") @ shares - expected).max() < 1e-8 * np.abs(expected).max()
 
 
+@pytest.mark.long
 def test_what_sticks_has_no_slope_by_friction():
     box = cp.model.free_box(mass=1.0, size=(0.2, 0.12, 0.08))
     floor = cp.FrictionalContact("box", cp.constraints.Box(0.1, 0.06, 0.04), friction=0.5)
@@ -691,6 +701,7 @@ def test_contacts_between_bodies(ground):
     assert max(by_q, by_v, by_tau) < 1e-7
 
 
+@pytest.mark.long
 def test_derivatives_of_a_step_solve_no_contact_problem_again(monkeypatch):
     """The step keeps what it has found, whatever steps come after it: the same bits."""
     scene, q = solo()
@@ -709,6 +720,7 @@ def test_derivatives_of_a_step_solve_no_contact_problem_again(monkeypatch):
         cp.step(scene, q, 0.1 * v, dt=DT)
 
 
+@pytest.mark.long
 def test_routes_in_turns_do_not_disturb_each_other():
     scene, q = solo()
     now = cp.step(scene, q, 0.1 * np.ones(18), dt=DT)
@@ -837,6 +849,7 @@ def test_dry_friction_of_zero_holds_nothing(speed):
         now.derivatives(route=Kappa())
 
 
+@pytest.mark.long
 def test_forces_from_outside_turn_with_the_body():
     scene, q = solo()
     model, push = scene.robot.model, cp.AppliedForce("base_link", (3.0, 2.0, 1.0))
@@ -888,6 +901,7 @@ def tumbling(seed: int, friction: float) -> tuple[cp.Scene, np.ndarray, np.ndarr
     return scene, q, v
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("friction", [0.0, 0.5])
 @pytest.mark.parametrize("seed", [4, 5])
 def test_a_step_whose_contacts_are_taken_at_its_end(seed, friction):
@@ -956,6 +970,7 @@ def by_weights(scene, q, v, tau, scheme, route, h) -> float:
     return float(np.abs(of.by("inertias") @ x - expected).max() / np.abs(expected).max())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("route", [ActiveSet(), EventLocated(), Kappa(1e-6), Softened()], ids=repr)
 def test_one_slider_by_its_mass(route):
     """Far from its stop v+ = v + dt (tau / m - g); a regressor of one row is a vector elsewhere."""
@@ -1171,6 +1186,7 @@ def test_a_ball_that_lands_as_a_step_begins(e):
     assert not end(-1e-6).one_sided
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("away", [1e-12, -1e-12])
 def test_a_ball_that_lands_as_a_step_ends(away):
     """The end rebounds or does not."""
@@ -1200,6 +1216,7 @@ def test_what_rests_goes_no_further_than_the_square_of_its_velocity(e):
         assert abs(moved.v[2]) < 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("slip", [1e-3, 0.1])
 def test_what_lands_slides_until_friction_stops_it(slip):
     """The slip of a landing ends in the flow behind it, or does not: it is no velocity of rest."""
@@ -1281,6 +1298,7 @@ def test_what_lands_and_stays_has_no_slope_by_a_restitution_of_zero(friction):
     assert np.abs(end(0.3).by("restitution")).max() > 0.1
 
 
+@pytest.mark.long
 def test_soft_steps_of_dry_friction_alone():
     """Where no contact is near, and joints rub, on a loop: `Softened` has an answer too."""
     bar = robot("four_bar")

@@ -46,6 +46,7 @@ def test_redundant_rows_are_those_that_can_go(label):
         assert np.linalg.matrix_rank(J[kept], tol=1e-9) == scene.nominal.rank == sum(kept)
 
 
+@pytest.mark.long
 def test_summary_of_cassie_names_the_planar_loops():
     summary = all_scenes()["cassie loops"].summary()
     assert {name.rsplit(".", 1)[0] for name in summary.redundant} == {
@@ -57,6 +58,7 @@ def test_summary_of_cassie_names_the_planar_loops():
         assert said in text
 
 
+@pytest.mark.long
 def test_summary_says_what_is_left_out():
     cassie = robot("cassie")
     text = str(cp.Scene(cassie, cassie.loops[1:]).summary())
@@ -64,6 +66,7 @@ def test_summary_says_what_is_left_out():
     assert "mobility 0" in str(locked().summary())
 
 
+@pytest.mark.long
 def test_motors_are_counted_by_a_robot_and_named_by_a_summary():
     differential = [cp.model.CoupledMotor(n, {"joint0": 1.0, "joint1": w})
                     for n, w in (("left", 1.0), ("right", -1.0))]  # fmt: skip
@@ -85,6 +88,7 @@ def locked() -> cp.Scene:
     return cp.Scene(bar, [cp.Loop("turned", "rocker_tip", "weld")])
 
 
+@pytest.mark.long
 def test_a_weld_in_place_of_a_hinge_locks_it_and_is_still_solved():
     scene = locked()
     assert scene.nominal.closed
@@ -94,6 +98,7 @@ def test_a_weld_in_place_of_a_hinge_locks_it_and_is_still_solved():
     assert np.abs(solution.a).max() < 1e-9
 
 
+@pytest.mark.long
 def test_a_kind_that_costs_the_fast_solvers_is_told():
     bar = robot("four_bar")
     for kind, slow in (("slider", True), ("planar", False), ("ball", False)):
@@ -102,6 +107,7 @@ def test_a_kind_that_costs_the_fast_solvers_is_told():
         assert any(note.startswith("pin: Pinocchio has no such rows") for note in notes) == slow
 
 
+@pytest.mark.long
 def test_a_scene_that_cannot_be_closed_says_so():
     long = robot("four_bar").with_frame("far", "coupler_tip", [3.0, 0, 0])
     scene = cp.Scene(long, [cp.Loop("far", "rocker_tip", name="reach")])
@@ -135,6 +141,7 @@ def test_samples_are_closed_moving_and_reproducible(label):
     assert np.abs(v).max() > 0.1
 
 
+@pytest.mark.long
 def test_as_many_guesses_are_sampled_as_are_asked_for(monkeypatch):
     """Loops that leave no motion are closed by none at random, and the error is of the last."""
     scene, guesses, ends = EXTREMES["near_loops"].case(1e-7).scene, [], LoopCloser.ends
@@ -161,6 +168,7 @@ def test_scenes_pickle_and_compare(label):
     assert np.array_equal(cp.solve(copy, *state, tau).a, cp.solve(scene, *state, tau).a)
 
 
+@pytest.mark.long
 def test_scenes_that_differ_are_not_equal():
     talos = robot("talos")
     one = cp.Scene(talos, talos.contacts[:1])
@@ -172,6 +180,7 @@ def test_scenes_that_differ_are_not_equal():
     )
 
 
+@pytest.mark.long
 def test_cassies_postures_from_file_and_figures():
     """Standing: springs at rest, feet flat, the line of each foot 20 mm above the ground."""
     cassie = robot("cassie")
@@ -185,6 +194,7 @@ def test_cassies_postures_from_file_and_figures():
     assert np.allclose(com, (-0.0176, 0.0001, 0.8803), atol=1e-4)
 
 
+@pytest.mark.long
 def test_what_a_scene_keeps_cannot_be_written_to():
     scene = cp.Scene(robot("cassie"), robot("cassie").loops)
     nominal, chains = scene.nominal, chains_of(scene)
@@ -199,6 +209,7 @@ def test_what_a_scene_keeps_cannot_be_written_to():
     )
 
 
+@pytest.mark.long
 def test_a_model_of_ones_own_says_what_is_not_used():
     """A reader of files says it of its file; around a pin.Model nobody else would."""
     model = pin.Model(cp.model.four_bar().model)
@@ -247,6 +258,7 @@ def test_what_says_nothing_holds_nothing(leaves):
     np.testing.assert_allclose(found.da_dtau, pin.computeMinverse(model, model.createData(), q))
 
 
+@pytest.mark.long
 def test_scenes_that_differ_by_anchors_have_their_own_rows():
     """A run anchors its contacts and keeps the analysis: gains act on gaps of its own scene."""
     solo = robot("solo12")

@@ -89,12 +89,14 @@ def test_every_frame_is_where_the_product_of_exponentials_puts_it(read, seed):
         np.testing.assert_allclose(found[name], expected, atol=ROUNDING, err_msg=name)
 
 
+@pytest.mark.long
 def test_a_pose_relative_to_the_world_does_not_move_with_the_model(read):
     body = pose("1 2 3 0.1 0.2 0.3") + link("a", pose("4 5 6 0.3 0 0", relative_to="world"))
     at = frame_poses(read(body).model, np.zeros(0))
     np.testing.assert_allclose(at["a"], T(4, 5, 6, 0.3, 0, 0), atol=ROUNDING)
 
 
+@pytest.mark.long
 def test_links_joints_and_frames_have_the_frame_types_of_pinocchio(read):
     model = read(ARM).model
     types = {f.name: f.type for f in model.frames}
@@ -104,6 +106,7 @@ def test_links_joints_and_frames_have_the_frame_types_of_pinocchio(read):
     assert types["tool"] == pin.FrameType.OP_FRAME
 
 
+@pytest.mark.long
 def test_a_joint_may_name_a_frame_as_its_end(read):
     body = (
         link("a") + link("b") + '<frame name="f" attached_to="b"><pose>1 0 0 0 0 0</pose></frame>'
@@ -113,6 +116,7 @@ def test_a_joint_may_name_a_frame_as_its_end(read):
     assert at["b"][:3, 3].tolist() == [0, 0, 0]  # and moving the link that carries it
 
 
+@pytest.mark.long
 def test_a_floating_root_is_where_its_joint_says_and_not_where_the_file_does(read):
     robot = read(link("a", pose("1 2 3 0 0 1") + INERTIAL), root_joint=pin.JointModelFreeFlyer())
     at = frame_poses(robot.model, pin.neutral(robot.model))
@@ -120,6 +124,7 @@ def test_a_floating_root_is_where_its_joint_says_and_not_where_the_file_does(rea
     assert any("pose of the root link" in sentence for sentence in robot.unused)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["revolute", "fixed"])
 def test_rotations_are_orthonormal_to_rounding_at_the_end_of_a_long_chain_of_poses(read, kind):
     # Without a last correction the product of 300 poses is off by 1e-13.
@@ -144,6 +149,7 @@ def test_hinges_and_sliders_move_along_their_axis(read, direction):
     np.testing.assert_allclose(moved["b"][:3, 3], 0.5 * along, atol=ROUNDING)
 
 
+@pytest.mark.long
 def test_an_axis_is_normalised_whatever_its_size(read):
     for size in ("1e-200", "1", "1e15"):
         inside = f"<axis><xyz>0 {size} {size}</xyz></axis>"
@@ -173,12 +179,14 @@ def test_a_rotated_inertial_pose_turns_the_inertia_and_moves_the_centre(read):
     assert M[0, 0] == pytest.approx(expected, rel=1e-14)
 
 
+@pytest.mark.long
 def test_an_inertial_pose_may_be_relative_to_another_frame(read):
     inertial = INERTIAL.replace("<mass>", pose("0 0 1 0 0 0", relative_to="__model__") + "<mass>")
     robot = read(link("a", pose("0 0 3 0 0 0") + inertial), root_joint=pin.JointModelFreeFlyer())
     np.testing.assert_allclose(robot.model.inertias[1].lever, [0, 0, -2], atol=ROUNDING)
 
 
+@pytest.mark.long
 def test_the_mass_of_a_welded_link_is_carried_by_the_joint_before_it(read):
     body = link("a") + link("b") + link("c", pose("1 0 0 0 0 0") + INERTIAL)
     model = read(body + joint("j", "a", "b") + joint("w", "b", "c", "fixed", "")).model

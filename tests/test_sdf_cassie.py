@@ -63,6 +63,7 @@ def test_cassie_is_cut_at_two_balls_a_leg(cassie):
         assert links == [f"{side}-{name}" for name in expected]
 
 
+@pytest.mark.long
 def test_cassie_loops_are_closed_at_the_posture_of_the_srdf(cassie):
     model = cassie.model.copy()
     pin.loadReferenceConfigurations(model, str(cassie_folder() / "srdf" / "cassie_v2.srdf"), False)
@@ -71,6 +72,7 @@ def test_cassie_loops_are_closed_at_the_posture_of_the_srdf(cassie):
     assert gaps(cassie, q).max() < 1e-8
 
 
+@pytest.mark.long
 def test_cassie_says_what_is_not_used(cassie):
     told = "\n".join(cassie.unused)
     for thing in (
@@ -83,12 +85,14 @@ def test_cassie_says_what_is_not_used(cassie):
         assert thing in told
 
 
+@pytest.mark.long
 def test_cassie_on_its_lift_has_27_dofs():
     robot = read_sdf(cassie_file(), kinds=CASSIE_KINDS)
     assert robot.model.nv == 27
     assert frame_poses(robot.model, pin.neutral(robot.model))["pelvis"][2, 3] == 1.01
 
 
+@pytest.mark.long
 def test_the_rotations_of_cassie_are_orthonormal_to_rounding(cassie):
     assert_orthonormal(cassie.model)
 
@@ -113,6 +117,7 @@ def standing(robot: Description) -> tuple[pin.Model, np.ndarray]:
     return model, pin.normalize(model, model.referenceConfigurations["standing"].copy())
 
 
+@pytest.mark.long
 def test_cassie_as_file_has_every_joint_of_the_file_in_depth_first_order(split):
     assert (split.model.nq, split.model.nv) == (69, 64)
     leg = [
@@ -130,6 +135,7 @@ def test_cassie_as_file_has_every_joint_of_the_file_in_depth_first_order(split):
         assert moved.shortname().startswith(f"JointModel{kind}"), name
 
 
+@pytest.mark.long
 def test_cassie_as_file_has_16_welds_and_the_residual_of_pinocchio_s_parser(split):
     assert [c.kind for c in closures(split)] == ["weld"] * 16
     model, q = standing(split)
@@ -142,6 +148,7 @@ def test_cassie_as_file_has_16_welds_and_the_residual_of_pinocchio_s_parser(spli
     assert np.linalg.norm(M + np.triu(M, 1).T) == pytest.approx(61.86434716488305, rel=1e-14)
 
 
+@pytest.mark.long
 def test_cassie_as_file_shares_the_mass_of_a_link_among_its_parents(split):
     model = split.model
     assert pin.computeTotalMass(model) == pytest.approx(34.985552, rel=1e-14)
@@ -152,6 +159,7 @@ def test_cassie_as_file_shares_the_mass_of_a_link_among_its_parents(split):
     assert 3 * foot.mass == pytest.approx(0.1498, abs=1e-4)
 
 
+@pytest.mark.long
 def test_cassie_as_file_says_that_the_gears_have_lost_their_ratio(split):
     assert couplings(split) == ()
     assert any("'left-roll-joint' (gearbox as revolute)" in said for said in split.unused)
@@ -169,6 +177,7 @@ FILES = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", FILES)
 def test_every_file_of_cassie_is_cut_at_its_balls(name):
     drop, nv, loops, gears, backwards = FILES[name]
@@ -188,6 +197,7 @@ def test_every_file_of_cassie_is_cut_at_its_balls(name):
         assert np.abs(at[closure.frame_a] - at[closure.frame_b]).max() < ROUNDING
 
 
+@pytest.mark.long
 def test_the_hinge_of_the_achilles_rod_is_reversed_and_keeps_its_coordinate():
     # The SRDF knows no balls here, so it says the same of the joints that are left.
     robot = read_sdf(cassie_file(), root_joint=pin.JointModelFreeFlyer(), drop=("static",))
@@ -196,6 +206,7 @@ def test_the_hinge_of_the_achilles_rod_is_reversed_and_keeps_its_coordinate():
     assert gaps(robot, q).max() < 1e-8
 
 
+@pytest.mark.long
 def test_cassie_s_rotors_turn_at_the_ratio_of_their_gears_against_the_output():
     robot = read_sdf(
         cassie_folder() / "robots" / "cassie.sdf",

@@ -146,6 +146,7 @@ def test_a_wrong_model_is_refused_with_the_reason(read, body, says):
         read(body)
 
 
+@pytest.mark.long
 @each_row("kind", ["planar", "spring", "floating", "Revolute"])
 def test_a_joint_of_an_unsupported_type_is_named_with_what_would_do(read, kind):
     with pytest.raises(InvalidModel, match=f"'j' has the type '{kind}'.*kinds.*drop"):
@@ -153,12 +154,14 @@ def test_a_joint_of_an_unsupported_type_is_named_with_what_would_do(read, kind):
     assert read(AB + joint("j", "a", "b", kind), kinds={"j": "revolute"}).model.nv == 1
 
 
+@pytest.mark.long
 def test_a_joint_that_is_left_out_may_be_of_any_type(read):
     robot = read(LOOP + joint("bc", "b", "c", "screw", ""), drop=["bc"])
     assert closures(robot) == ()
     assert robot.unused == ("joints left out: 'bc'",)
 
 
+@pytest.mark.long
 def test_two_things_named_like_the_root_joint_are_refused(read):
     body = AB + joint("root_joint", "a", "b")
     with pytest.raises(InvalidModel, match="'root_joint'"):
@@ -215,6 +218,7 @@ def test_a_file_that_is_not_one_sdf_model_is_refused_with_the_reason(tmp_path, t
         read_sdf(path)
 
 
+@pytest.mark.long
 def test_a_file_that_does_not_exist_is_refused_by_name(tmp_path):
     with pytest.raises(InvalidModel, match=r"nowhere\.sdf: cannot be opened: No such file"):
         read_sdf(tmp_path / "nowhere.sdf")

@@ -56,6 +56,7 @@ def test_a_universal_joint_turns_about_the_parent_s_axis_and_then_the_child_s(re
     )
 
 
+@pytest.mark.long
 def test_a_universal_joint_has_a_regular_mass_matrix_although_its_cross_is_massless(read):
     robot = read(AB + joint("u", "a", "b", "universal", AXES))
     assert robot.model.inertias[1].mass == 0
@@ -65,6 +66,7 @@ def test_a_universal_joint_has_a_regular_mass_matrix_although_its_cross_is_massl
     np.testing.assert_allclose(np.triu(M), 0.1 * np.eye(2), atol=ROUNDING)
 
 
+@pytest.mark.long
 def test_each_axis_of_a_universal_joint_has_its_own_settings(read):
     def said(axis: str, damping: float, stiffness: float, upper: float) -> str:
         return (
@@ -100,6 +102,7 @@ def test_a_wrong_universal_joint_is_refused_with_the_reason(read, body, says):
         read(AB + body)
 
 
+@pytest.mark.long
 def test_a_universal_joint_is_not_cut(read):
     links = "".join(map(link, "abc")) + joint("ab", "a", "b") + joint("ac", "a", "c")
     assert [c.name for c in closures(read(links + joint("u", "b", "c", "universal", AXES)))] == [
@@ -162,6 +165,7 @@ def test_a_gearbox_couples_the_angles_that_the_format_defines(read, rotor, outpu
     assert theta_2 == pytest.approx(-0.04 * theta_1, rel=1e-13)
 
 
+@pytest.mark.long
 def test_a_gearbox_is_no_loop_and_no_joint(read):
     robot = read(gears(ROTOR, OUTPUT, box()))
     assert closures(robot) == ()
@@ -169,6 +173,7 @@ def test_a_gearbox_is_no_loop_and_no_joint(read):
     assert list(robot.model.names) == ["universe", "ip", "op"]
 
 
+@pytest.mark.long
 def test_a_rotor_behind_a_gearbox_is_felt_with_the_square_of_the_ratio(read):
     # Both bodies turn about an axis through their centres, inertia I = 0.1 each:
     # (I + I / ratio²) a_op = tau_op, and a_ip = a_op / -ratio.
@@ -180,6 +185,7 @@ def test_a_rotor_behind_a_gearbox_is_felt_with_the_square_of_the_ratio(read):
     np.testing.assert_allclose(solution.a, [-a_op / 0.04, a_op], rtol=1e-9)
 
 
+@pytest.mark.long
 def test_the_hinges_of_a_gearbox_are_not_cut(read):
     body = gears(ROTOR, OUTPUT, box()) + link("d") + joint("ad", "a", "d")
     robot = read(body + joint("cd", "c", "d", "fixed", ""))
@@ -188,6 +194,7 @@ def test_the_hinges_of_a_gearbox_are_not_cut(read):
         read(gears(ROTOR, OUTPUT, box()), cut=["op"])
 
 
+@pytest.mark.long
 def test_a_gearbox_may_be_read_as_a_hinge(read):
     robot = read(gears(ROTOR, OUTPUT, box()), kinds={"g": "revolute"})
     assert couplings(robot) == ()
@@ -223,6 +230,7 @@ def test_a_wrong_gearbox_is_refused_with_the_reason(read, body, says):
         read(body)
 
 
+@pytest.mark.long
 def test_a_second_axis_that_the_type_has_not_is_reported(read):
     assert "second axis: 'j'" in read(AB + joint("j", "a", "b", inside=AXES)).unused
 
@@ -241,6 +249,7 @@ def mimic(leader: str, multiplier: str = "2", axis: str = "") -> str:
 ABC = AB + link("c")
 
 
+@pytest.mark.long
 def test_a_mimic_is_a_coupling_with_an_offset(read):
     robot = read(ABC + joint("lead", "a", "b") + joint("follow", "a", "c", inside=mimic("lead")))
     assert couplings(robot) == (Coupling("follow", "lead", 2.0, 0.3 - 2 * 0.1),)
@@ -249,6 +258,7 @@ def test_a_mimic_is_a_coupling_with_an_offset(read):
     assert values["follow"] == pytest.approx(2 * (values["lead"] - 0.1) + 0.3, abs=1e-9)
 
 
+@pytest.mark.long
 def test_both_axes_of_a_universal_joint_lead_and_follow(read):
     hooke = AXES.replace("</axis2>", mimic("h")[len("<axis><xyz>0 0 1</xyz>") : -7] + "</axis2>")
     body = ABC + joint("h", "a", "b") + joint("u", "b", "c", "universal", hooke)
@@ -257,6 +267,7 @@ def test_both_axes_of_a_universal_joint_lead_and_follow(read):
     assert found == {("u_axis2", "h", 2.0), ("e", "u_axis2", 3.0)}
 
 
+@pytest.mark.long
 def test_joints_of_a_mimic_are_not_cut(read):
     ends = joint("lead", "a", "b") + joint("follow", "a", "c", inside=mimic("lead"))
     loop = ABC + ends + joint("bc", "b", "c")
@@ -303,6 +314,7 @@ def test_a_screw_goes_its_pitch_in_a_turn(read, thread, per_turn, root):
     np.testing.assert_allclose(M[:3, 3], per_turn * 0.5 / (2 * np.pi) * along, atol=ROUNDING)
 
 
+@pytest.mark.long
 def test_a_screw_needs_a_thread_and_a_place_in_the_tree(read):
     with pytest.raises(InvalidModel, match="'s' is a screw and has no <screw_thread_pitch>"):
         read(AB + joint("s", "a", "b", "screw"))

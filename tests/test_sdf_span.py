@@ -58,6 +58,7 @@ def test_a_joint_between_links_that_are_fixed_to_each_other_closes_nothing(read,
     assert "joints between links that cannot move against each other: 'bc'" in robot.unused
 
 
+@pytest.mark.long
 def test_a_joint_with_a_spring_is_kept_before_one_without(read):
     spring = (
         "<axis><xyz>0 0 1</xyz><dynamics><spring_stiffness>3</spring_stiffness></dynamics></axis>"
@@ -80,6 +81,7 @@ def test_a_joint_with_a_motor_is_cut_last_and_whole(read):
     assert {*motors} <= {*driven.joints}
 
 
+@pytest.mark.long
 def test_a_joint_to_cut_may_be_named(read):
     body = ring("revolute", "ball", "revolute")
     assert cuts(read(body, cut=["ab"])) == [("ab", "hinge")]
@@ -148,6 +150,7 @@ def test_a_tree_that_is_read_from_its_other_end_has_the_same_coordinates(read):
     assert back.model.damping[1] == forth.model.damping[0] == 0.5
 
 
+@pytest.mark.long
 def test_the_quaternion_of_a_reversed_ball_is_the_inverse(read):
     body = TWISTED.replace('"prismatic"', '"ball"')
     forth, back = read(body), read(body, root="c")
@@ -159,6 +162,7 @@ def test_the_quaternion_of_a_reversed_ball_is_the_inverse(read):
     )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ["revolute", "prismatic"])
 def test_the_frames_of_a_cut_hinge_or_slider_have_z_along_the_axis(read, kind):
     body = "".join(map(link, "abc")) + joint("ab", "a", "b") + joint("ac", "a", "c")
@@ -174,6 +178,7 @@ def test_the_frames_of_a_cut_hinge_or_slider_have_z_along_the_axis(read, kind):
     np.testing.assert_allclose(at[closure.frame_a], at[closure.frame_b], atol=ROUNDING)
 
 
+@pytest.mark.long
 def test_closure_frames_move_with_their_links(read):
     body = link("a") + link("b", pose("1 0 0 0 0 0") + INERTIAL)
     body += link("c", pose("0 1 0 0 0 0") + INERTIAL)
@@ -185,6 +190,7 @@ def test_closure_frames_move_with_their_links(read):
     np.testing.assert_allclose(at[closure.frame_b][:3, 3], [1, 1, 0], atol=ROUNDING)
 
 
+@pytest.mark.long
 def test_a_loop_through_the_world_is_closed_at_neutral(read):
     body = pose("1 2 3 0.1 0.2 0.3") + "".join(map(link, "ab"))
     body += joint("wa", "world", "a") + joint("ab", "a", "b")

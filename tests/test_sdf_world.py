@@ -81,6 +81,7 @@ def test_links_that_do_not_weigh_are_modelled_if_all_of_them_do_not(file):
 # Which model ------------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_the_only_model_of_a_world_that_moves_is_the_robot(file):
     sun = "<include><uri>model://sun</uri></include>"
     robot = read_sdf(file(world(GROUND + sun + "<light/>" + model("m"))))
@@ -92,6 +93,7 @@ def test_the_only_model_of_a_world_that_moves_is_the_robot(file):
     )
 
 
+@pytest.mark.long
 def test_one_of_several_models_is_chosen_by_name(file):
     path = file(world(GROUND + model("m") + model("n", pose("1 0 0 0 0 0") + ARM)))
     with pytest.raises(InvalidModel, match=r"models 'm', 'n', which can move.*model='m'"):
@@ -110,6 +112,7 @@ def test_one_of_several_models_is_chosen_by_name(file):
         cp.load_robot("solo12", model="m")
 
 
+@pytest.mark.long
 def test_a_robot_toml_chooses_a_model(file, tmp_path):
     file(world(model("m") + model("n")))
     toml = tmp_path / "robot.toml"
@@ -117,6 +120,7 @@ def test_a_robot_toml_chooses_a_model(file, tmp_path):
     assert "other models: 'm'" in cp.load_robot(tmp_path).unused
 
 
+@pytest.mark.long
 def test_models_that_stand_still_are_no_robot(file):
     with pytest.raises(InvalidModel, match=r"<static> models do not move: 'm'; take <static> out"):
         read_sdf(file(model("m", "<static>1</static>" + ARM)))
@@ -131,6 +135,7 @@ def test_a_model_without_a_joint_that_moves_may_float(file):
     assert cp.load_robot(path, floating=True).nv == 6
 
 
+@pytest.mark.long
 def test_a_world_of_many_models_is_refused_in_a_few_words(file):
     many = "".join(model(f"m{i}", link("a")) for i in range(1000))
     with pytest.raises(InvalidModel, match=r"'m7', \.\.\., which can move") as error:
@@ -138,6 +143,7 @@ def test_a_world_of_many_models_is_refused_in_a_few_words(file):
     assert len(str(error.value)) < 400
 
 
+@pytest.mark.long
 def test_a_path_that_is_none_is_refused(tmp_path):
     os.symlink("round.sdf", tmp_path / "round.sdf")
     for path in (tmp_path / "round.sdf", tmp_path / "a\0b.sdf", tmp_path / ("x" * 5000 + ".sdf")):
@@ -175,6 +181,7 @@ def test_a_model_in_the_model_is_a_part_of_it(read):
     np.testing.assert_allclose(pin.log3(R), 0.7 * axis, atol=ROUNDING)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("deep", [False, True])
 def test_a_placement_frame_is_where_the_pose_puts_it(read, deep):
     hand = model("hand", PLACED + HAND, placement_frame="tip")
@@ -190,12 +197,14 @@ def test_a_placement_frame_is_where_the_pose_puts_it(read, deep):
         np.testing.assert_allclose(inner, HAND_AT, atol=ROUNDING)
 
 
+@pytest.mark.long
 def test_a_placement_frame_of_the_model_itself(file):
     robot = read_sdf(file(model("m", PLACED + HAND, placement_frame="tip")))
     at = frame_poses(robot.model, np.zeros(1))
     np.testing.assert_allclose(at["tip"], HAND_AT, atol=ROUNDING)
 
 
+@pytest.mark.long
 def test_the_parts_of_models_stand_in_the_order_of_the_file(read):
     body = link("a") + "".join(model(name, link("l")) for name in ("x", "y", "z"))
     robot = read(body + "".join(joint(f"j{n}", "a", f"{n}::l") for n in ("x", "y", "z")))
@@ -203,6 +212,7 @@ def test_the_parts_of_models_stand_in_the_order_of_the_file(read):
     assert bodies == ["a", "x::l", "y::l", "z::l"]
 
 
+@pytest.mark.long
 def test_more_models_in_each_other_than_any_file_has_are_refused(read):
     body = link("a")
     for _ in range(40):
@@ -227,6 +237,7 @@ def test_an_included_model_is_read_from_the_folder_of_the_file(file, read, uri):
     assert robot.model == written.model
 
 
+@pytest.mark.long
 def test_an_include_may_pose_a_frame_and_be_the_robot_of_a_world(file):
     file(model("gripper", HAND), name="hand/model.sdf")
     said = "<placement_frame>tip</placement_frame>", PLACED
@@ -238,6 +249,7 @@ def test_an_include_may_pose_a_frame_and_be_the_robot_of_a_world(file):
         read_sdf(file(world(still)))
 
 
+@pytest.mark.long
 def test_an_included_file_may_include_one_beside_itself(file):
     file(model("b", link("b")), name="parts/b/model.sdf")
     file(
@@ -326,6 +338,7 @@ def test_what_simulators_read_as_xml_is_read(tmp_path, case):
     assert read_sdf(path).model.nv == 1
 
 
+@pytest.mark.long
 def test_what_drake_adds_is_named(tmp_path, read):
     rotor = "<drake:rotor_inertia>0.1</drake:rotor_inertia></joint>"
     bushing = '<x:linear_bushing_rpy xmlns:x="drake.mit.edu"><a/></x:linear_bushing_rpy>'
@@ -352,6 +365,7 @@ def test_a_joint_of_an_old_file_may_have_the_name_of_a_link(file):
         read_sdf(file(model("m", body), version="1.7"))
 
 
+@pytest.mark.long
 def test_of_several_roots_the_canonical_link_carries_the_tree(read):
     robot = read(AB + link("c") + joint("j", "a", "b") + joint("k", "c", "b"))
     assert robot.model.nv == 2
@@ -361,6 +375,7 @@ def test_of_several_roots_the_canonical_link_carries_the_tree(read):
 # Older files, and what is left out --------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_before_1_5_an_axis_is_in_the_axes_of_the_model(read):
     body = link("a") + link("b", pose("0 0 0 0.3 0.4 0.5") + INERTIAL) + joint("j", "a", "b")
     for version, frame in (("1.4", np.eye(3)), ("1.5", T(0, 0, 0, 0.3, 0.4, 0.5)[:3, :3])):
@@ -369,6 +384,7 @@ def test_before_1_5_an_axis_is_in_the_axes_of_the_model(read):
         np.testing.assert_allclose(pin.log3(R), 0.7 * frame[:, 2], atol=ROUNDING)
 
 
+@pytest.mark.long
 def test_the_format_fills_in_inertias(read):
     inertial = "<inertial>" + pose("0.5 0 0 0 0 0") + "<mass>2</mass></inertial>"
     body = link("a", "") + link("b", inertial) + link("c", "")
@@ -432,6 +448,7 @@ def test_what_changes_the_motion_and_is_not_modelled_is_named(file, body, says):
     assert not any("not read" in said for said in robot.unused)
 
 
+@pytest.mark.long
 def test_what_changes_nothing_is_not_said_to(file):
     body = ARM.replace(
         "</link>", "<enable_wind>false</enable_wind><kinematic>0</kinematic>"
@@ -520,6 +537,7 @@ def test_two_models_of_a_world_are_one_machine(file, tmp_path):
         np.testing.assert_allclose(placed, state.body("tool").xpos, atol=1e-13)
 
 
+@pytest.mark.long
 def test_models_that_nothing_joins_stand_apart(file):
     path = file(world(TURNTABLE + LIFT + GROUND))
     robot = cp.load_robot(path, model=["table", "arm"])
@@ -573,6 +591,7 @@ def test_models_that_make_no_robot_are_refused_by_name(file, names, error, words
         cp.load_robot(file(world(GROUND + model("m") + model("n")) + other), model=names)
 
 
+@pytest.mark.long
 def test_a_robot_toml_takes_several(file, tmp_path):
     file(world(TURNTABLE + LIFT + SLIDE))
     toml = tmp_path / "robot.toml"

@@ -77,6 +77,7 @@ def test_another_thread_is_refused_while_one_is_at_work(monkeypatch, holding):
         call(workspace, q, v, tau)
 
 
+@pytest.mark.long
 @each_row("error", [ValueError, KeyboardInterrupt, SystemExit])
 def test_whatever_ends_a_call_leaves_the_workspace_free(monkeypatch, error):
     scene = all_scenes()[LABEL]
@@ -128,6 +129,7 @@ def test_what_derivatives_form_later_waits_for_no_other_thread(monkeypatch, meth
     assert np.isfinite(found.dlam_dq).all()
 
 
+@pytest.mark.long
 def test_the_verbs_keep_a_workspace_for_each_thread(monkeypatch):
     held, scene = Held(monkeypatch), all_scenes()[LABEL]
     (q, v, tau), (q2, v2, tau2) = states(LABEL)[:2]
@@ -141,6 +143,7 @@ def test_the_verbs_keep_a_workspace_for_each_thread(monkeypatch):
     assert np.array_equal(found.a, wanted)
 
 
+@pytest.mark.long
 def test_simulations_run_side_by_side():
     """A torque that waits for the other run: each run has memory of its own."""
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
@@ -163,6 +166,7 @@ def test_simulations_run_side_by_side():
         assert np.array_equal(found.lam, alone.lam)
 
 
+@pytest.mark.long
 def test_lazy_properties_of_a_scene_may_be_asked_for_at_once():
     scene = all_scenes()[LABEL]
     fresh = cp.Scene(scene.robot, scene.constraints)
@@ -181,6 +185,7 @@ def test_lazy_properties_of_a_scene_may_be_asked_for_at_once():
     assert {(weight, rank) for weight, _, rank in found} == {(scene.nominal.weight, found[0][2])}
 
 
+@pytest.mark.long
 def test_derivatives_stay_those_of_their_scene():
     """A derivative by a placement, asked for after the workspace has gone on to another scene."""
     talos = robot("talos")

@@ -118,6 +118,7 @@ def test_gravity_and_armature_can_be_off():
     assert "off: gravity" in str(floating)
 
 
+@pytest.mark.long
 def test_feet_stay_where_they_are():
     talos = robot("talos")
     scene = cp.Scene(talos, talos.contacts)
@@ -180,6 +181,7 @@ def at_end():
     del INTEGRATORS["atend"]
 
 
+@pytest.mark.long
 def test_accelerations_at_the_end_are_put_where_they_belong(at_end):
     def push(t, q, v):
         return np.array([10.0 * t])
@@ -213,6 +215,7 @@ def test_leapfrog_keeps_an_oscillation_up_to_its_limit(omega_dt, stable):
     assert (np.abs(found.q).max() < 10.0) == stable
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("integrator", "more"),
     [(cp.simulation.Leapfrog(), 0), (cp.simulation.LinearlyImplicitMidpoint(), 2)],
@@ -234,6 +237,7 @@ def tightly(start, duration: float) -> cp.Trajectory:
     )
 
 
+@pytest.mark.long
 def test_averaged_velocities_would_have_order_two():
     """What the correction on the manifold is for."""
     scene, q0, v0 = top()
@@ -268,6 +272,7 @@ def test_adaptive_steps_meet_their_tolerance():
             assert np.abs(found.q[-1] - wanted).max() < most
 
 
+@pytest.mark.long
 def test_substeps_that_just_do_not_fit_are_no_trouble():
     """dt of a hair more than whole substeps: the rest does not set the size of what follows."""
     called = []
@@ -295,6 +300,7 @@ def test_adaptive_steps_give_up_where_damping_is_stiff(monkeypatch):
     assert re.search(r"more than 100 substeps .* stiff; use RadauIIA", found.reason)
 
 
+@pytest.mark.long
 def test_damping_of_light_rods_asks_for_no_small_dt():
     start = hanging_cassie()
     found = cp.simulate(*start, duration=0.2, integrator=cp.SemiImplicitEuler())
@@ -355,6 +361,7 @@ def test_torques_belong_to_their_sample(integrator, drift):
     assert np.abs(found.tau - wanted).max() < 1e-14
 
 
+@pytest.mark.long
 @pytest.mark.values
 @pytest.mark.parametrize("written", [1, 2])
 @each_integrator
@@ -405,6 +412,7 @@ def limited(lower: float, upper: float, tau: float, duration: float) -> cp.Traje
     return cp.simulate(scene, [0.0], [0.0], np.array([tau]), duration=duration)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "motion",
     [
@@ -417,6 +425,7 @@ def test_motions_without_a_notice(motion):
     assert motion().notices == ()
 
 
+@pytest.mark.long
 def test_what_deserves_attention_is_told():
     crude = spinning(duration=1.0, dt=0.1, integrator=cp.simulation.ExplicitEuler())
     assert "energy appeared or vanished without work" in " ".join(crude.notices)
@@ -444,6 +453,7 @@ def test_what_a_projection_hides_is_told(solver, words):
     assert re.search(words, " ".join(found.notices)) if words else found.notices == ()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("drift", [cp.Baumgarte.critical(30.0), cp.simulation.NoDrift()], ids=repr)
 def test_iterations_that_move_nothing_are_left_out(drift):
     """Rows that are redundant come to life where loops are a little open."""
@@ -465,6 +475,7 @@ def test_iterations_that_move_nothing_are_left_out(drift):
 # Runs that break down.
 
 
+@pytest.mark.long
 @each_row("kind", [cp.simulation.ImplicitMidpoint, cp.simulation.Rattle, cp.simulation.Shake])
 def test_a_first_step_that_cannot_be_taken_leaves_the_first_state(kind):
     """A spring of 20 kHz in steps of 1 ms."""
@@ -479,6 +490,7 @@ def test_a_first_step_that_cannot_be_taken_leaves_the_first_state(kind):
     assert np.isfinite(found.a).all()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("drift", [cp.simulation.NoDrift(), cp.simulation.PostStabilization()])
 def test_the_last_state_that_was_reached_is_a_sample(drift):
     found = on_bar(lambda t, q, v: np.full(3, np.nan if t > 0.0105 else 2.0), drift=drift)
@@ -506,6 +518,7 @@ def test_a_run_that_fails_goes_to_the_last_state_that_could_be_solved(integrator
         assert np.isfinite(array).all()
 
 
+@pytest.mark.long
 @each_row(
     ("tau", "error", "words"),
     [
@@ -519,6 +532,7 @@ def test_a_first_state_that_cannot_be_solved_is_an_error(tau, error, words):
         on_bar(tau)
 
 
+@pytest.mark.long
 def test_numbers_that_grow_stop_the_run():
     """Negative damping by a torque; and damping that ends before its numbers overflow."""
     ball, _ = falling()
@@ -543,6 +557,7 @@ def test_an_interrupt_keeps_what_was_measured():
     assert 0.04 < found.t[-1] < 0.06
 
 
+@pytest.mark.long
 def test_an_open_state_is_an_error_that_names_the_gap():
     scene, q, v = bar()
     with pytest.raises(cp.errors.NotAssembled, match=r"is open by .* mm; Scene.assemble"):
@@ -618,6 +633,7 @@ def test_steps_of_any_size_end_in_a_run_or_in_an_error(integrator, dt):
 # Samples.
 
 
+@pytest.mark.long
 def test_every_tenth_sample_is_the_same_motion():
     shares = []
     every = on_bar(duration=0.105)
@@ -630,6 +646,7 @@ def test_every_tenth_sample_is_the_same_motion():
     assert shares == sorted(shares)
 
 
+@pytest.mark.long
 def test_a_duration_that_is_no_whole_number_of_steps():
     found = on_bar(duration=0.01, dt=3e-3)
     assert len(found) == 5
@@ -637,6 +654,7 @@ def test_a_duration_that_is_no_whole_number_of_steps():
     assert found.run.dt == pytest.approx(2.5e-3)
 
 
+@pytest.mark.long
 def test_the_arguments_are_not_written_to():
     scene, q, v = bar()
     q0, v0 = q.copy(), v.copy()
@@ -679,6 +697,7 @@ def own_gains(gains: cp.Baumgarte) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
     return replace(scene, constraints=own), q, v
 
 
+@pytest.mark.long
 def test_gains_of_the_constraints_close_an_open_start_alone():
     gains = cp.Baumgarte.critical(50.0)
     run = {"duration": 0.1, "close_start": False}
@@ -688,6 +707,7 @@ def test_gains_of_the_constraints_close_an_open_start_alone():
         cp.simulate(*own_gains(cp.Baumgarte(50.0, 0.0)), **run, drift=gains)
 
 
+@pytest.mark.long
 def test_a_constraint_without_gains_is_named_where_others_close_their_own():
     scene, q, v = own_gains(cp.Baumgarte.critical(50.0))
     held = cp.constraints.HeldJoint("crank", name="brake")

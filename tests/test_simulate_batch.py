@@ -124,6 +124,7 @@ def test_a_torque_that_cannot_travel_is_named(executor):
     assert_same(found, cp.simulate_batch(scene, Q, V, duration=0.01))
 
 
+@pytest.mark.long
 def test_float32_is_taken_in_double_precision():
     scene = scene_of("four_bar")
     Q, V = (each.astype(np.float32) for each in states(scene))
@@ -133,6 +134,7 @@ def test_float32_is_taken_in_double_precision():
     assert_same(found, wanted)
 
 
+@pytest.mark.long
 def test_what_motions_share_is_made_once(monkeypatch):
     made = []
     start = HybridPhase.__init__
@@ -148,6 +150,7 @@ def test_what_motions_share_is_made_once(monkeypatch):
     assert_same(cp.simulate_batch(scene, Q, V, np.ones(3), chunk=1, **options), found)
 
 
+@pytest.mark.long
 def test_contacts_are_anchored_anew_in_the_same_memory(monkeypatch):
     made = []
     build = cp.Workspace.__init__
@@ -247,6 +250,7 @@ def test_bad_input_is_refused_before_anything_is_done():
         cp.simulate_batch(scene, Q, V, duration=1.0)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("size", [1e200, 1e308])
 def test_a_velocity_whose_square_is_no_number_cannot_begin(size):
     bar = cp.model.four_bar()

@@ -102,6 +102,7 @@ def test_descriptions_that_ask_for_too_much_are_refused(name, tmp_path):
     assert size < 600 + len(str(tmp_path)), f"an error of {size} characters: shorten with `shown`"
 
 
+@pytest.mark.long
 def test_a_wedge_of_many_degrees_is_one_mesh(tmp_path):
     (tmp_path / "a.xml").write_text(
         mjcf('<body><joint/><geom size="1"/></body>',
@@ -110,6 +111,7 @@ def test_a_wedge_of_many_degrees_is_one_mesh(tmp_path):
     assert cp.load_robot(tmp_path / "a.xml").nv == 2
 
 
+@pytest.mark.long
 def test_mujoco_is_not_asked_either(tmp_path):
     """`condyn compare` and pictures have it read files."""
     path = tmp_path / "a.xml"
@@ -118,6 +120,7 @@ def test_mujoco_is_not_asked_either(tmp_path):
         compiled(path)
 
 
+@pytest.mark.long
 def test_what_robots_have_is_read(tmp_path):
     (tmp_path / "a.xml").write_text(replicated(20, 2))
     assert cp.load_robot(tmp_path / "a.xml").nv == 41
@@ -157,6 +160,7 @@ def test_cards_that_cannot_be_read_are_one_line(name, tmp_path):
         cp.load_robot(tmp_path)
 
 
+@pytest.mark.long
 def test_a_card_with_a_byte_order_mark_is_read(tmp_path):
     (tmp_path / "bar.urdf").write_text(urdf(2))
     (tmp_path / "robot.toml").write_text(CARD, encoding="utf-8-sig")
@@ -191,6 +195,7 @@ def test_a_device_without_an_end_is_no_file(tmp_path):
         cp.load_robot(path)
 
 
+@pytest.mark.long
 def test_rows_say_what_rows_say(tmp_path):
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
     table, path = cp.Study([scene], [cp.DenseKKT()], states=1).run(timed=False), tmp_path / "a.json"

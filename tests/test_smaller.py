@@ -84,6 +84,7 @@ def assert_the_same_motion(one: cp.Scene, other: cp.Scene) -> None:
     assert relative(b, a) < 1e-10
 
 
+@pytest.mark.long
 @each_case
 def test_states_go_there_and_back(case):
     small = locked(case)
@@ -95,6 +96,7 @@ def test_states_go_there_and_back(case):
     assert np.array_equal(again[1], v)
 
 
+@pytest.mark.long
 def test_what_the_model_knows_of_a_joint_is_carried_along():
     """Every number of the joints that are left, each its own, under both Pinocchios."""
     model = pin.Model(robot("talos").model)
@@ -137,6 +139,7 @@ def test_the_tree_is_pinocchios_own_reduction(name):
         assert same.placement.isApprox(frame.placement, 1e-12)
 
 
+@pytest.mark.long
 def test_postures_springs_loops_and_contacts_are_carried_along():
     small = locked("cassie, springs")
     cassie = robot("cassie")
@@ -150,6 +153,7 @@ def test_postures_springs_loops_and_contacts_are_carried_along():
     assert np.abs(state[0] - cassie.postures["standing"]).max() < 1e-9
 
 
+@pytest.mark.long
 def test_a_loop_whose_sides_become_one_body_is_dropped_and_said():
     cassie = robot("cassie")
     leg = [j for j in cassie.joints if j.startswith("left-") and j not in cassie.actuated[:3]]
@@ -160,6 +164,7 @@ def test_a_loop_whose_sides_become_one_body_is_dropped_and_said():
     assert small.robot.loops == small.constraints
 
 
+@pytest.mark.long
 def test_contacts_of_a_body_that_is_fixed_to_the_world_are_dropped():
     talos = robot("talos")
     leg = [f"leg_left_{i}_joint" for i in range(1, 7)]
@@ -169,6 +174,7 @@ def test_contacts_of_a_body_that_is_fixed_to_the_world_are_dropped():
     assert small.robot.mass == pytest.approx(talos.mass)
 
 
+@pytest.mark.long
 def test_lock_holds_the_joints_where_it_is_told():
     scene = all_scenes()["four_bar loops"]
     q, _ = scene.sample(np.random.default_rng(5))
@@ -189,6 +195,7 @@ def test_a_smaller_scene_prints_what_it_leaves_out():
     assert "array(" not in text
 
 
+@pytest.mark.long
 def test_lock_twice_is_lock_once():
     scene = all_scenes()["talos contacts"]
     twice, once = scene.lock(ARMS[:7]).lock(ARMS[7:]), scene.lock(ARMS)
@@ -201,12 +208,14 @@ def test_lock_twice_is_lock_once():
     assert relative(cp.solve(twice, q, v, tau).a, cp.solve(once, q, v, tau).a) < 1e-12
 
 
+@pytest.mark.long
 def test_keep_locks_the_others_and_floats():
     scene = all_scenes()["talos contacts"]
     legs = [f"leg_{side}_{i}_joint" for side in ("left", "right") for i in range(1, 7)]
     assert mechanism.keep(scene, legs).robot.joints == ("root_joint", *legs)
 
 
+@pytest.mark.long
 def test_without_leaves_constraints_out():
     scene = all_scenes()["cassie loops + contacts"]
     small = mechanism.without(scene, ["left-foot/toe", "left-foot/heel"])
@@ -232,6 +241,7 @@ def test_bodies_are_cut_off_with_all_that_is_on_them():
     assert talos.robot.nv == 38 - 8  # seven joints of the arm, and its gripper
 
 
+@pytest.mark.long
 def test_what_was_cut_off_is_found_again():
     """Position and velocity of the rod follow from its loop."""
     scene = all_scenes()["cassie loops"]
@@ -243,6 +253,7 @@ def test_what_was_cut_off_is_found_again():
     assert np.array_equal(found[1][others], v[others])
 
 
+@pytest.mark.long
 @each_case
 def test_reduced_scenes_pickle_and_compare(case):
     small = locked(case)
@@ -317,6 +328,7 @@ def test_a_massless_rod_is_a_distance():
     assert errors[1] == pytest.approx(100 * errors[2], rel=0.1)
 
 
+@pytest.mark.long
 def test_mass_at_the_ends_is_nearer_than_no_mass():
     assert error_of_rod(pantograph(0.1), "ends") < 0.5 * error_of_rod(pantograph(0.1), "drop")
 
@@ -366,6 +378,7 @@ def test_a_linkage_that_follows_becomes_reflected_inertia():
     assert abs(welded_only - full) > 3 * abs(reflected - full)
 
 
+@pytest.mark.long
 def test_points_are_merged_exactly():
     for label, kinds in (
         ("talos corners", (cp.SurfaceContact, cp.SurfaceContact)),
@@ -402,6 +415,7 @@ def test_an_edge_is_where_its_own_points_are():
     assert_the_same_motion(other, small)
 
 
+@pytest.mark.long
 def test_a_merged_contact_takes_a_name_that_is_free():
     points = pair_of_points((0.1, 0, 0), (0, 0, 0))
     other = cp.PointContact("HR_FOOT", name="FL_FOOT/edge")
@@ -413,6 +427,7 @@ def test_a_merged_contact_takes_a_name_that_is_free():
     assert small.names == ("FL_FOOT 2", "FL_FOOT")
 
 
+@pytest.mark.long
 def test_points_with_an_anchor_are_not_merged():
     solo = robot("solo12")
     points = [
@@ -455,6 +470,7 @@ def test_a_planar_pin_reports_the_force_of_the_ball_it_replaces(ends):
     assert np.allclose(planar[:3], ball, atol=1e-9 * np.abs(ball).max())
 
 
+@pytest.mark.long
 def test_a_ball_on_a_robot_of_two_joints_becomes_a_planar_pin():
     """Two hinges, the tip held by a ball on the world."""
     model = pin.Model()
@@ -471,6 +487,7 @@ def test_a_ball_on_a_robot_of_two_joints_becomes_a_planar_pin():
     assert (small.rows, small.nominal.rank) == (2, scene.nominal.rank)
 
 
+@pytest.mark.long
 def test_a_ball_of_rank_one_has_no_plane():
     """The tip of a slider moves on a line, which lies in many planes."""
     model = pin.Model()
@@ -513,6 +530,7 @@ def test_locking_one_side_of_a_coupling_locks_the_other():
     assert q[2] == pytest.approx(2 * q[0] + 0.1, abs=1e-10)
 
 
+@pytest.mark.long
 def test_a_coupled_joint_is_locked_where_the_coupling_wants_it():
     """Not where it is in q: only the joints that were named are to stay."""
     model = pin.Model()
@@ -525,6 +543,7 @@ def test_a_coupled_joint_is_locked_where_the_coupling_wants_it():
     assert np.allclose(small.held, [0.5, 0.25, 0.1], atol=1e-10)
 
 
+@pytest.mark.long
 def test_the_locked_posture_comes_first_with_and_without_q():
     scene = all_scenes()["talos contacts"]
     before = scene.robot.postures
@@ -608,6 +627,7 @@ def test_mistakes_are_named(label, change, error, said):
         change(all_scenes()[label])
 
 
+@pytest.mark.long
 def test_what_goes_with_the_joint_of_a_rod_is_said():
     scene = all_scenes()["four_bar loops"]
     assert len(mechanism.rods_as_distances(scene, ["coupler"]).dropped) == 1

@@ -159,6 +159,7 @@ def test_weights_are_those_of_the_pose_in_which_the_file_is_drawn(drawn, exporte
         assert relative(found.a, a) < AGREES
 
 
+@pytest.mark.long
 def test_impedance_rises_from_one_end_to_the_other():
     soft = cp.dynamics.Soft(solimp=(0.2, 0.9, 0.01, 0.4, 3.0))
     gaps = np.linspace(0.0, 0.02, 401)
@@ -186,6 +187,7 @@ def test_the_dynamics_hold_and_the_status_says_what_does_not():
     ).status.ok
 
 
+@pytest.mark.long
 def test_redundant_rows_share_the_load():
     """A foot held twice: half of the force each."""
     label = "talos foot held twice"
@@ -283,6 +285,7 @@ def test_derivatives_by_inertias(label, soft):
     assert np.abs(np.concatenate((a @ x, lam @ x)) - wanted).max() <= 1e-7 * np.abs(wanted).max()
 
 
+@pytest.mark.long
 def test_what_gives_way_has_none_of_pinocchio():
     scene, state = all_scenes()["solo12 contacts"], states("solo12 contacts")[0]
     with pytest.raises(cp.InvalidArgument, match=r"Proximal"):
@@ -309,6 +312,7 @@ def test_knobs_that_mean_nothing_are_refused(parameters):
         cp.dynamics.Soft(**parameters)
 
 
+@pytest.mark.long
 def test_lists_are_knobs_too():
     assert (
         cp.dynamics.Soft(solref=[0.02, 1], solimp=[0.9, 0.95, 0.001, 0.5, 2]) == cp.dynamics.Soft()
@@ -316,6 +320,7 @@ def test_lists_are_knobs_too():
     assert hash(cp.dynamics.Soft(solref=[0.02, 1])) == hash(cp.dynamics.Soft())
 
 
+@pytest.mark.long
 def test_a_robot_of_a_single_joint():
     """Pinocchio hands out the one column of its Jacobian as a vector."""
     pendulum = cp.model.pendulum()

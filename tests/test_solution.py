@@ -72,6 +72,7 @@ def test_contact_forces_carry_the_weight_at_rest(label, weight):
     assert np.allclose(total, [0.0, 0.0, weight], atol=2e-4)
 
 
+@pytest.mark.long
 def test_cassies_feet_carry_her_weight_at_rest():
     """But for the spin of two thin rods, which nothing can hold: their gravity is 1e-3 N m."""
     scene = all_scenes()["cassie loops + contacts"]
@@ -134,6 +135,7 @@ def test_pendulum_as_a_free_body_on_a_ball(angle, rate):
     assert pull == pytest.approx(mass * (9.81 * np.cos(angle) + length * rate**2), abs=1e-8)
 
 
+@pytest.mark.long
 def test_an_answer_prints_itself_with_units_and_pickles():
     solution = held_still(all_scenes()["talos contacts"])
     text = str(solution)
@@ -153,6 +155,7 @@ def test_a_scene_without_rows_leaves_none_out():
     assert found.left_out == found.notices == ()
 
 
+@pytest.mark.long
 def test_every_status_is_advice():
     for status in cp.Status:
         assert len(status.value) > 20
@@ -197,6 +200,7 @@ def test_an_error_advises_nothing_that_was_tried_and_an_accuracy_that_passes(sol
     assert found.error_bound <= enough
 
 
+@pytest.mark.long
 def test_a_singular_matrix_is_not_answered_with_the_method_that_met_it():
     bar = cp.Scene(robot("four_bar"), robot("four_bar").loops)
     q, v = bar.state()
@@ -205,6 +209,7 @@ def test_a_singular_matrix_is_not_answered_with_the_method_that_met_it():
     assert "DenseKKT" not in str(failed.value).partition(" on four_bar: ")[2]
 
 
+@pytest.mark.long
 @each_row("accuracy", [0.0, -1.0, 1e-20, np.nan, np.inf, "fine", [1e-8, 1e-8]])
 def test_an_accuracy_beyond_doubles_is_refused(accuracy):
     scene, state = all_scenes()["four_bar loops"], states("four_bar loops")[0]
@@ -212,6 +217,7 @@ def test_an_accuracy_beyond_doubles_is_refused(accuracy):
         cp.solve(scene, *state, accuracy=accuracy)
 
 
+@pytest.mark.long
 def test_a_failed_solve_travels_between_processes():
     """A process pool pickles what a worker raises."""
     bar = all_scenes()["four_bar loops"]
@@ -222,6 +228,7 @@ def test_a_failed_solve_travels_between_processes():
     assert copy.solution.status is cp.Status.SINGULAR
 
 
+@pytest.mark.long
 def test_an_open_loop_shows_in_the_state_error():
     bar = robot("four_bar")
     q = bar.postures["open"] + [0.0, 0.0, 0.1]
@@ -239,6 +246,7 @@ def test_an_open_loop_shows_in_the_state_error():
     assert cp.solve(word, q, np.ones(3), np.zeros(3)).status.ok
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("held", [False, True])
 def test_at_rest_without_gravity_zero_is_the_answer(held):
     """An error relative to nothing is none."""
@@ -252,6 +260,7 @@ def test_at_rest_without_gravity_zero_is_the_answer(held):
     assert solution.error_bound < 1e-13
 
 
+@pytest.mark.long
 def test_the_bound_does_not_depend_on_the_accuracy_asked_for():
     bar = cp.model.four_bar()
     scene = cp.Scene(bar, [cp.PointContact("coupler_tip")])
@@ -264,6 +273,7 @@ def test_the_bound_does_not_depend_on_the_accuracy_asked_for():
     assert len(bounds) == 1
 
 
+@pytest.mark.long
 def test_a_singular_answer_still_says_what_the_state_is():
     scene = all_scenes()["four_bar loops"]
     q, v, tau = states("four_bar loops")[0]
@@ -331,6 +341,7 @@ def test_spring_dampers_that_tau_lacks_are_told():
     assert cp.solve(cp.Scene(hung), q, v, hung.passive_torque(q, v)).notices == ()
 
 
+@pytest.mark.long
 def test_a_solution_knows_its_question():
     bar = robot("four_bar")
     scene, drift = cp.Scene(bar, bar.loops), cp.Baumgarte(10.0, 30.0)

@@ -82,6 +82,7 @@ def test_knobs_may_be_numbers_of_numpy():
         assert np.isfinite(cp.solve(scene, *state, solver=solver, throw=False).a).all()
 
 
+@pytest.mark.long
 @pytest.mark.values
 @pytest.mark.parametrize("solver", SMALLEST_LAM, ids=lambda s: s.title)
 @each_of(REDUNDANT)
@@ -102,6 +103,7 @@ def test_a_rank_tolerance_is_a_share(kind, share):
         kind(rank_tolerance=share)
 
 
+@pytest.mark.long
 def test_a_machine_without_any_freedom_stands_still():
     """As many rows as joints: the null space is empty, and so is its matrix."""
     bar = cp.model.four_bar()
@@ -137,6 +139,7 @@ def test_range_space_solves_or_says_that_it_cannot(seed, m, redundant):
     assert np.abs((J @ a - y) / unit).max(initial=0.0) < 1e-7
 
 
+@pytest.mark.long
 def test_a_mass_matrix_that_is_none_is_no_answer():
     assert range_space(-np.eye(3), np.ones((1, 3))) is None
 
@@ -156,6 +159,7 @@ def test_dense_kkt_says_singular_where_rows_are_redundant_and_only_there(label):
     assert said == {cp.Status.SINGULAR if scene.nominal.redundant else cp.Status.OK}
 
 
+@pytest.mark.long
 @settings(max_examples=200)
 @given(st.integers(0, 10**6), st.integers(2, 60), st.floats(1.0, 16.0))
 def test_random_right_hand_sides_see_how_large_an_inverse_is(seed, size, digits):
@@ -168,6 +172,7 @@ def test_random_right_hand_sides_see_how_large_an_inverse_is(seed, size, digits)
     assert 1e-2 < seen / np.linalg.norm(inverse) < 1e2
 
 
+@pytest.mark.long
 def test_a_row_that_is_nothing_at_the_nominal_state_is_not_blown_up():
     chain = cp.model.chain(4)  # it hangs straight: no joint moves the tip up
     scene = cp.Scene(chain, [cp.PointContact(chain.model.frames[-1].name)])
@@ -199,6 +204,7 @@ def test_an_iteration_for_every_independent_row_is_enough():
         assert 0 < found.iterations <= scene.nominal.rank + 2
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", ITERATIVE)
 def test_too_few_iterations_are_told(kind):
     scene, state = all_scenes()["talos contacts"], states("talos contacts")[0]
@@ -220,6 +226,7 @@ def test_minres_takes_three_steps_with_the_ideal_preconditioner():
     assert relative(found.a, cp.solve(scene, *state, solver=cp.dynamics.Reference()).a) < SOLVED
 
 
+@pytest.mark.long
 def test_minres_takes_at_most_four_times_the_steps_of_conjugate_gradients():
     for label in ("solo12 contacts", "talos contacts", "talos corners", "cassie loops"):
         cg, minres = (
@@ -244,6 +251,7 @@ def test_what_is_out_of_reach_does_not_blow_the_answer_up(seed):
     assert np.abs(b - A @ x).max() < 1e-8
 
 
+@pytest.mark.long
 def test_a_nominal_state_that_is_singular_is_no_bad_start():
     """The preconditioner is made at a flat parallelogram, where one row more is redundant."""
     bar = cp.model.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
@@ -259,6 +267,7 @@ def test_a_nominal_state_that_is_singular_is_no_bad_start():
 # --- Sparse KKT
 
 
+@pytest.mark.long
 def test_imitated_kinds_are_refused_with_a_way_out():
     scene = all_scenes()["talos hands hinged"]
     with pytest.raises(
@@ -270,6 +279,7 @@ def test_imitated_kinds_are_refused_with_a_way_out():
         cp.Workspace(slider, cp.dynamics.SparseKKT())
 
 
+@pytest.mark.long
 def test_the_factor_is_that_of_the_state_asked_for():
     """Pinocchio 4 factorises the Jacobian of the last `calc`: here, of no state at all."""
     label = "talos foot to foot, welded"
@@ -278,6 +288,7 @@ def test_the_factor_is_that_of_the_state_asked_for():
         assert relative(workspace.solve(*state).a, right.a) < 1e-12
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("distance", [1e-1, 1e-3])
 def test_rows_that_pinocchio_has_further_apart_have_their_own_targets(distance):
     """Points that are nearly one are handed to it at other places of the same foot."""

@@ -88,6 +88,7 @@ def test_forces_are_those_of_the_scene(solver, places, other):
     assert np.abs(solution.lam - right.lam).max() < 1e-6 * np.abs(right.lam).max()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: type(s).__name__)
 def test_a_gap_of_rounding_is_not_made_a_contradiction(solver):
     """Taken apart to the size of the body they were open by 3e-8, and a was off by as much."""
@@ -102,6 +103,7 @@ def test_a_gap_of_rounding_is_not_made_a_contradiction(solver):
         assert relative(solution.a, right.a) < 1e-9
 
 
+@pytest.mark.long
 def test_drift_control_pulls_at_the_same_gaps():
     scene, drift = hands(0 * AHEAD, 1e-3 * AHEAD, opened=1e-5), cp.Baumgarte(100.0, 20.0)
     state = moved(scene)
@@ -130,6 +132,7 @@ def test_other_points_stay_where_they_are(places):
     assert pinocchio_constraints_of(scene).to_scene is None
 
 
+@pytest.mark.long
 def test_points_stay_where_they_are_if_others_hold_what_they_hold():
     """Far apart they would bear forces among themselves, k times those that are the least."""
     talos, pendulum = robot("talos"), cp.model.pendulum()

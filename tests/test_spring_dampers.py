@@ -145,6 +145,7 @@ def test_energy_is_balanced(kind):
     assert "damping" in text.partition(";")[0]
 
 
+@pytest.mark.long
 def test_effects_turn_them_off():
     made = sprung("revolute")
     q, v, _ = state_of(made, 3)
@@ -168,6 +169,7 @@ IMPLICIT = ("semiimpliciteuler", "implicitmidpoint", "linearlyimplicitmidpoint",
             "generalisedalpha", "radauiia", "gearguptaleimkuhler")  # fmt: skip
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", [*IMPLICIT, "dormandprince", "rattle"])
 def test_a_stiff_damper_breaks_no_implicit_method(integrator):
     """k = 8e5 N/m, c = 4e4 N s/m: a rate of 6e4 / s at dt = 1 ms, and a slow creep of 20 / s.
@@ -188,6 +190,7 @@ def test_a_stiff_damper_breaks_no_implicit_method(integrator):
     assert np.abs(run.momentum[:, :3]).max() < 1e-9
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("integrator", IMPLICIT)
 def test_a_stiff_spring_without_length_holds_sideways_too(integrator):
     """k = 1e9 N/m on a free body that flies: as stiff across as along, 2e4 rad/s at dt = 1 ms."""
@@ -235,6 +238,7 @@ def test_explicit_methods_say_which_spring_is_too_stiff(integrator):
     assert said in run.reason
 
 
+@pytest.mark.long
 def test_a_stiff_spring_of_a_joint_in_a_loop_is_named():
     """The root of k over the inertia that the motor sees."""
     bar = robot("four_bar")
@@ -317,6 +321,7 @@ def test_where_the_ends_coincide_nothing_pulls():
             assert np.isfinite(matrix).all()
 
 
+@pytest.mark.long
 def test_a_spring_goes_through_zero_length():
     """Without a rest length it is harmonic in space, through the middle and out again."""
     k = 100.0
@@ -415,4 +420,4 @@ def test_they_are_seen():
     for part, length in zip(seen.values(), at.length, strict=True):
         T = part.place(found.instants[0])
         assert np.linalg.norm(T[:3, 2]) == pytest.approx(length)
-    assert "spring-damper" in found.html()
+    assert "spring and damper" in found.html()

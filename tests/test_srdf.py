@@ -58,6 +58,7 @@ def read(text: str, folder: Path, *, rotors: bool = False) -> dict[str, np.ndarr
     return read_srdf(pin.Model(robot("four_bar").model), path, rotors=rotors)
 
 
+@pytest.mark.long
 def test_joints_that_are_not_there_are_left_out(tmp_path):
     np.testing.assert_array_equal(read(GOOD, tmp_path, rotors=True)["home"], [0.5, 0.0, 0.0])
     # one that Pinocchio's reader took for a joint that moves
@@ -117,6 +118,7 @@ def with_srdf(folder: Path, *lines: str) -> cp.Robot:
     return cp.load_robot(folder)
 
 
+@pytest.mark.long
 def test_pairs_that_do_not_collide_are_exclusions(tmp_path):
     pairs = (("a", "b"), ("b", "a"), ("a", "elsewhere"), ("a", "a"))
     lines = [f'<disable_collisions link1="{one}" link2="{two}"/>' for one, two in pairs]
@@ -126,6 +128,7 @@ def test_pairs_that_do_not_collide_are_exclusions(tmp_path):
     assert said.endswith("does not have: elsewhere, x")
 
 
+@pytest.mark.long
 def test_a_link_may_collide_with_those_that_are_enabled_alone(tmp_path):
     swing = with_srdf(
         tmp_path,
@@ -137,6 +140,7 @@ def test_a_link_may_collide_with_those_that_are_enabled_alone(tmp_path):
     assert not [text for text in swing.unused if "srdf" in text]
 
 
+@pytest.mark.long
 def test_a_robot_has_the_exclusions_of_its_srdf():
     apart = cp.load_robot("talos").exclusions
     assert frozenset({"arm_left_1_link", "arm_left_2_link"}) in apart

@@ -128,6 +128,7 @@ def solo() -> Standing:
     return Standing("solo12", "base_link", OCTAGON)
 
 
+@pytest.mark.long
 def test_a_robot_stands_on_contacts_that_may_open() -> None:
     standing = solo()
     run = standing.run(0.2)
@@ -140,6 +141,7 @@ def test_a_robot_stands_on_contacts_that_may_open() -> None:
 
 # Impulses that take the capture point a share of the way to the edge of the feet, by m omega d:
 # what a robot that does not step can stand, and what it cannot, is on either side of all the way.
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("way", "share"), [pytest.param((1, 0), 0.8, marks=LONG), ((0, 1), 0.8), ((1, 1), 0.5)]
 )
@@ -177,6 +179,7 @@ def test_nine_tenths_of_what_a_pendulum_can_stand_are_taken_up(
     assert all(modes[-1] == "stick" for modes in run.modes.values())
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("share", [0.95, 1.3])
 def test_towards_a_corner_motors_decide_what_is_taken_up(share: float) -> None:
     """One leg carries all of it, and its hip gives 2.7 N m: a pendulum would stand a fifth more."""
@@ -204,6 +207,7 @@ def test_cassie_stands_nine_tenths_of_it_sideways_on_feet_that_no_motor_rolls() 
     assert cassie.off(run) < 0.02
 
 
+@pytest.mark.long
 @LONG
 @pytest.mark.parametrize(("turn", "share", "lasts"), [(0.0, 0.98, 2.0), (8.0, 0.95, 1.6)])
 def test_cassie_stands_at_a_corner_where_her_springs_throw_a_foot_off(
@@ -260,6 +264,7 @@ def test_a_capture_point_far_off_comes_back_along_its_line() -> None:
     assert 0.9 * edge < way[:2] @ line
 
 
+@pytest.mark.long
 def test_a_foot_that_the_line_needs_is_not_thrown() -> None:
     """Pushed across the edge behind: by a pressure on that line both heels carry Cassie.
 
@@ -342,6 +347,7 @@ def sideways(cassie: Standing, share: float) -> Array:
     return np.array([0.0, share * cassie.held.robot.mass * speed, 0.0])
 
 
+@pytest.mark.long
 def test_a_foot_that_carries_nothing_rattles_on_its_springs_where_gains_are_fast() -> None:
     """What springs pass on swings at 200 / s: torques follow it from tick to tick."""
     cassie = at_rest()
@@ -418,6 +424,7 @@ def test_talos_shifts_its_weight_and_is_pushed() -> None:
     assert any("tips over" in row for answer in talos.answers for row in answer.active)
 
 
+@pytest.mark.long
 def test_torques_are_held_from_tick_to_tick_and_asked_for_once() -> None:
     standing = solo()
     torque = at_rate(standing.controller, 2e-3, watch=standing.answers.append)
@@ -448,6 +455,7 @@ def test_a_tick_without_torques_ends_the_run_with_its_contradiction() -> None:
 # The committed results
 
 
+@pytest.mark.long
 def test_the_committed_rows_stand_below_the_bound_and_fall_beyond(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

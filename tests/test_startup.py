@@ -80,6 +80,7 @@ def test_a_first_solve_assembles_nothing_and_factorises_once(label, calls):
     assert calls["_idle_rows"] == built["_idle_rows"] <= 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", ["go2 contacts", "talos contacts", "four_bar loops"])
 def test_the_condition_of_the_mass_matrix_is_read_off_its_norms(label, calls, monkeypatch):
     """One matrix of a first solve has its condition number computed, the one of the error bound.
@@ -96,6 +97,7 @@ def test_the_condition_of_the_mass_matrix_is_read_off_its_norms(label, calls, mo
     assert scene.nominal.condition <= 1 / np.finfo(float).eps
 
 
+@pytest.mark.long
 def test_an_open_posture_is_closed_before_the_scene_is_measured(calls):
     """Redundant rows of an open loop have singular values of the size of the gap."""
     bar = robot("four_bar")
@@ -113,6 +115,7 @@ def test_a_solve_imports_nothing_that_analyses():
     assert not found, f"a first solve imports {found}: import it in the function that needs it"
 
 
+@pytest.mark.long
 def test_a_solve_imports_no_other_question():
     """Derivatives, files and other solvers are imported by those who ask for them."""
     found = imported_by_a_solve()
@@ -126,6 +129,7 @@ def test_a_solve_imports_no_other_question():
     )
 
 
+@pytest.mark.long
 def test_the_former_name_of_the_analysis_warns():
     with pytest.warns(DeprecationWarning, match="Audit is condyn_pin.dynamics.NominalAnalysis now"):
         assert cp.Audit is cp.dynamics.NominalAnalysis

@@ -153,6 +153,7 @@ def test_forces_are_the_smallest_at_any_velocity(name, solver):
         assert np.abs(null.T @ lam).max() < 1e-9 * np.abs(lam).max()
 
 
+@pytest.mark.long
 def test_rows_that_are_always_zero_carry_no_force():
     """A door that turns although it is nailed misses gamma along its radius."""
     model = pin.Model()
@@ -169,6 +170,7 @@ def test_rows_that_are_always_zero_carry_no_force():
             assert np.abs(found.lam).max() < 1e-9
 
 
+@pytest.mark.long
 def test_recorded_forces_of_a_motion_with_gains_are_the_smallest():
     """With Baumgarte's gains alone J v is never 0."""
     scene, state = machines()["talos on eight points"], closed("talos on eight points")
@@ -196,6 +198,7 @@ def test_a_state_in_float32_is_ok(seed):
     assert found.doubt < 1e-5
 
 
+@pytest.mark.long
 @each_row("name", ["bennett", "cassie", "delta, hinges", "bricard"])
 def test_the_answer_says_how_far_it_is_from_closed(name):
     scene, state = machines()[name], closed(name)
@@ -212,6 +215,7 @@ def test_the_answer_says_how_far_it_is_from_closed(name):
     assert 0.2 < off(again.a, found.a) / off(found.a, a) < 5.0
 
 
+@pytest.mark.long
 def test_closed_states_are_in_no_doubt():
     scene, state = machines()["cassie"], closed("cassie")
     found = cp.solve(scene, state.q, state.v, state.tau)
@@ -222,6 +226,7 @@ def test_closed_states_are_in_no_doubt():
     assert found.notices == ()
 
 
+@pytest.mark.long
 def test_a_state_that_is_far_from_closed_is_inaccurate():
     """Where closing leads to a singular posture, no acceleration belongs to the state."""
     scene, state = machines()["cassie"], closed("cassie")
@@ -236,6 +241,7 @@ def test_a_state_that_is_far_from_closed_is_inaccurate():
     assert taken.status.ok  # every row at its word: that is a question of its own
 
 
+@pytest.mark.long
 def test_a_contact_that_slides_to_its_anchor_is_in_no_doubt():
     """J does not change with the place of a floating base, however long the way is."""
     solo = robot("solo12")
@@ -273,6 +279,7 @@ def test_a_row_of_a_batch_is_the_answer_of_its_state():
         assert np.array_equal(batch[i].state_error.q, alone.state_error.q)
 
 
+@pytest.mark.long
 def test_answers_survive_copies():
     scene, state = machines()["bennett"], closed("bennett")
     q, v, _, _ = noisy("bennett", 1e-4, 1e-4)
@@ -284,6 +291,7 @@ def test_answers_survive_copies():
         assert np.array_equal(same.closed().a, found.closed().a)
 
 
+@pytest.mark.long
 def test_hot_loops_keep_their_method_where_loops_are_open():
     """Hinges and planar pins that are open by a nanometre are not solved by another method."""
     four_bar = cp.load_robot("four_bar")

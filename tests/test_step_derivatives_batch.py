@@ -52,6 +52,7 @@ def test_they_are_those_of_each_step(about: dict) -> None:
     assert_array_equal(found.one_sided, [each.one_sided for each in found])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("verb", [step_batch, step_derivatives_batch])
 def test_arrays_of_the_caller_stay_his_own(verb) -> None:
     scene, states = solo()
@@ -65,6 +66,7 @@ def test_arrays_of_the_caller_stay_his_own(verb) -> None:
     assert np.abs(kept.v0 - states[1]).min() > 0.9
 
 
+@pytest.mark.long
 def test_processes_return_the_same_bits() -> None:
     scene, states = solo()
     here = step_derivatives_batch(scene, *states, dt=DT)

@@ -116,6 +116,7 @@ def test_a_box_slides_on_a_level_floor_and_stops() -> None:
     assert np.abs(run.energy.error).max() < 1e-6
 
 
+@pytest.mark.long
 def test_the_forces_of_four_corners_carry_the_box() -> None:
     now = cp.step(box_scene(0.5), lying(0.0), np.zeros(6), (3.0, 0, 0, 0, 0, 0), dt=1e-2)
     assert not now.contact.unique_forces  # rank 6 of 12: only what they do together is known
@@ -182,6 +183,7 @@ def test_painleves_rod_is_stopped_by_an_impulse() -> None:
         assert now.status.ok
 
 
+@pytest.mark.long
 def test_anitescus_relaxation_hops() -> None:
     v = np.array([1.0, 0, 0, 0, 0, 0])
     scene, q = box_scene(0.5), lying(0.0)
@@ -205,6 +207,7 @@ def test_solo12_stands_on_its_four_feet() -> None:
     assert now.penetration < 1e-9
 
 
+@pytest.mark.long
 def test_feet_that_stick_move_alike_however_rough_the_floor_is() -> None:
     ends = []
     for friction in (0.7, 100.0, tolerances.MOST_FRICTION):
@@ -318,6 +321,7 @@ def test_a_scheme_with_a_member_of_the_last_version_is_refused(member: str) -> N
     assert "own" not in cp.simulation.INTEGRATORS
 
 
+@pytest.mark.long
 def test_a_start_that_penetrates_is_refused() -> None:
     q = lying(0.0)
     q[2] -= 2e-3
@@ -334,6 +338,7 @@ def thrown() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
     return box_scene(0.5), q, np.array([0.5, 0.2, 0, 0, 1.0, 0])
 
 
+@pytest.mark.long
 def test_a_file_keeps_contacts(tmp_path: Path) -> None:
     scene, q, v = thrown()
     run = cp.simulate(scene, q, v, duration=0.2, integrator=StewartTrinkle(contact=EXACT))
@@ -405,6 +410,7 @@ def test_a_batch_of_steps_is_what_step_returns_to_the_bit() -> None:
     assert "5 ok" in str(batch)
 
 
+@pytest.mark.long
 def test_a_box_lies_on_a_box() -> None:
     """Pairs of bodies: the forces on both are in the proof of the step."""
     half = Box(0.1, 0.1, 0.05)
@@ -449,6 +455,7 @@ def test_robots_fall(name: str, options: dict[str, object]) -> None:
         assert np.abs(run.energy.error).max() < 0.05 * run.energy.scale
 
 
+@pytest.mark.long
 def test_a_first_order_step_keeps_a_four_bar_nearly_as_it_moves() -> None:
     """3e-4 m and 0.004 J after a second at 1 ms; 0.007 m and 0.15 J with velocities J_b v+ = 0."""
     robot = cp.load_robot("four_bar")
@@ -465,6 +472,7 @@ def test_a_first_order_step_keeps_a_four_bar_nearly_as_it_moves() -> None:
         assert run.violation.max() < 1e-9
 
 
+@pytest.mark.long
 def test_a_foot_that_lands_with_both_ends_in_one_step() -> None:
     """Its ends are asked to approach each other by 1e-7 m/s, which no rigid foot does."""
     scene = robot_scene("cassie", variant={"feet": "points"})
@@ -494,6 +502,7 @@ def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) 
     assert not now.status.ok
 
 
+@pytest.mark.long
 def test_a_first_attempt_that_fails_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
     asked = []
 
@@ -532,6 +541,7 @@ def test_a_run_that_ends_in_the_infeasible_names_what_no_impulse_can_meet() -> N
     assert "no impulse can meet floor, ceiling" in str(told.value)
 
 
+@pytest.mark.long
 def test_a_run_goes_on_from_its_own_end() -> None:
     """Also where loops have turned since the last step, so that v is a little off them."""
     scene = robot_scene("cassie", variant={"feet": "points"})
@@ -547,6 +557,7 @@ def test_a_run_goes_on_from_its_own_end() -> None:
         cp.simulate(scene, half.q[-1], fast, duration=0.05, dt=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", [StewartTrinkle(), Anitescu()])
 @pytest.mark.parametrize("height", [-0.15, 0.1])  # [m], of the floor above the pivot
 def test_a_fast_tip_lands_where_its_curved_path_ends(
@@ -598,6 +609,7 @@ def test_shapes_on_fast_links_meet_where_their_curved_paths_do(one: Shape, other
     assert met >= 5
 
 
+@pytest.mark.long
 def test_balls_on_fast_links_meet_where_their_curved_paths_do() -> None:
     """100 rad/s in steps of 0.5 ms: straight paths end up to 0.6 mm before they meet."""
     scene, met = arms(Ball(0.02), Ball(0.02)), 0
@@ -635,6 +647,7 @@ def test_a_limb_that_turns_over_its_top_wins_no_energy(
                 assert now.dynamics_error < 1e-13
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", [7, 918])
 def test_limp_legs_land_fast(seed: int) -> None:
     """Falls that went through by 3.4 mm, by straight paths, and by impulses of the beginning."""
@@ -648,6 +661,7 @@ def test_limp_legs_land_fast(seed: int) -> None:
     assert np.diff(energy.contact + energy.algorithmic).max() < 1e-3 * energy.kinetic.max()
 
 
+@pytest.mark.long
 def test_contacts_stiffer_than_a_step_allows_throw_nothing_off() -> None:
     """At 5 ms a spring of 1 ms would: it counts as one of 10 ms, as MuJoCo has it."""
     scene, q = box_scene(0.5), lying(0.0)
@@ -694,6 +708,7 @@ def test_impulses_that_rounding_balances_are_not_ok(r: float, is_right: bool) ->
             cp.step(scene, q, v, dt=1e-3)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("dt", [1e-9, 1e-6, 1e-3])
 @pytest.mark.parametrize("gravity", [0.0, 9.81])
 def test_what_may_be_off_is_never_less_than_rounding(dt: float, gravity: float) -> None:
@@ -709,6 +724,7 @@ def test_what_may_be_off_is_never_less_than_rounding(dt: float, gravity: float) 
         assert now.status == now.contact.status
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("scheme", [StewartTrinkle(), Anitescu(), Moreau()])
 @pytest.mark.parametrize("soles", [1, 2])
 def test_corners_of_a_sole_that_constraints_hold_move_nothing(soles, scheme) -> None:

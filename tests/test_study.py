@@ -113,6 +113,7 @@ for kind in (WrongEverySecondTime, Raises, KillsItsProcess):
 # --- rows ---
 
 
+@pytest.mark.long
 def test_rows_say_what_was_measured(table):
     assert [row.solver for row in table.rows] == [repr(solver) for solver in FEW]
     good, dense, _, coarse = table.rows
@@ -132,6 +133,7 @@ def test_rows_say_what_was_measured(table):
     assert table.machine["pinocchio"]
 
 
+@pytest.mark.long
 def test_times_stand_beside_errors_and_say_how_they_were_taken(table):
     good, dense, _, coarse = table.rows
     for row in (good, coarse):
@@ -145,6 +147,7 @@ def test_times_stand_beside_errors_and_say_how_they_were_taken(table):
     assert {row.timed for row in brief().run(timed=False).rows} == {"not timed"}
 
 
+@pytest.mark.long
 def test_json_keeps_every_field_and_has_no_infinity(table):
     for row in table.rows:
         text = json.dumps(row.as_dict(), allow_nan=False)
@@ -179,6 +182,7 @@ def test_a_solver_that_does_not_take_a_scene_is_in_the_table_with_the_reason():
     assert "Soft solves other equations" in soft.note
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("solver", "status"),
     [
@@ -221,6 +225,7 @@ def test_the_same_study_gives_the_same_errors_to_the_bit(table):
     assert here.rows[0].median_us > 0  # times are taken here also with an executor
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("count", "known"), [(1, 0), (3, 1), (8, 4)])
 def test_ctrl_c_keeps_what_was_measured_and_the_study_goes_on(
     tmp_path, count, known, monkeypatch, table
@@ -244,6 +249,7 @@ def test_ctrl_c_keeps_what_was_measured_and_the_study_goes_on(
     assert again.rows[0].median_us > 0
 
 
+@pytest.mark.long
 def test_what_is_in_the_file_is_not_measured_again(tmp_path, monkeypatch):
     path = tmp_path / "rows.jsonl"
     table = brief().run(results=path)
@@ -326,6 +332,7 @@ def test_a_worker_that_is_replaced_does_not_even_stop_the_study(tmp_path):
     assert table.rows == study.run(timed=False).rows
 
 
+@pytest.mark.long
 def test_progress_ends_where_it_said():
     seen: list[tuple[str, int, int]] = []
     brief().run(progress=lambda *step: seen.append(step))
@@ -337,6 +344,7 @@ def test_progress_ends_where_it_said():
 # --- states ---
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "states",
     [cp.study.SampledStates(2), cp.study.NominalStates(), cp.study.PostureStates()],
@@ -374,6 +382,7 @@ def test_given_states_have_to_be_closed(label, states, error, said):
 # --- scenes and parameters ---
 
 
+@pytest.mark.long
 def test_names_of_robots_and_hierarchies_stand_for_their_scenes():
     table = cp.Study(["four_bar", "pendulum"], [cp.Proximal()], states=1).run(timed=False)
     assert [row.scene for row in table.rows] == ["four_bar loops", "pendulum free"]
@@ -406,6 +415,7 @@ def test_other_constraints_that_hold_the_same(label, more):
     assert len(cp.Study(made, [cp.Proximal()], states=1).run(timed=False).rows) == len(made)
 
 
+@pytest.mark.long
 def test_sweep_is_the_product_of_its_parameters():
     solvers = cp.study.sweep(
         cp.Proximal(relative_accuracy=0.0), mu=[1e-8, 1e-4], max_iterations=[1, 20]
@@ -490,6 +500,7 @@ def test_a_parameter_of_a_measure_is_in_its_label():
 # --- curves that are known ---
 
 
+@pytest.mark.long
 def test_the_error_of_one_iteration_goes_with_mu():
     from study import one_iteration
 
@@ -499,6 +510,7 @@ def test_the_error_of_one_iteration_goes_with_mu():
     assert max(shares[1:]) < 1.05 * min(shares[1:])  # at 1e-2 it begins to bend
 
 
+@pytest.mark.long
 def test_mu_is_read_against_the_heaviest_mass():
     """After one iteration at mu = 1e-8 a parallelogram is off by 2.1e-9 of its mass ratio."""
     from study import mass_ratios
@@ -508,6 +520,7 @@ def test_mu_is_read_against_the_heaviest_mass():
         assert row.error_worst == pytest.approx(2.1e-9 * s, rel=0.1)
 
 
+@pytest.mark.long
 def test_derivatives_without_the_protocol_are_off_by_mu():
     from study import protocols
 

@@ -12,6 +12,7 @@ import condyn_pin as cp
 pytestmark = pytest.mark.once
 
 
+@pytest.mark.long
 def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path):
     from distributed import Client, LocalCluster
 

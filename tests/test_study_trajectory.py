@@ -40,6 +40,7 @@ def test_the_error_falls_with_the_step_as_the_order_says():
     assert gaps == sorted(gaps, reverse=True)
 
 
+@pytest.mark.long
 def test_steps_integrators_and_schemes_are_rows_of_one_question():
     measures = cp.study.sweep(
         TrajectoryMeasure(duration=0.02), dt=[1e-2, 5e-3], drift=[None, NoDrift()]
@@ -70,6 +71,7 @@ def test_the_cheapest_motion_is_tried_as_it_was_measured():
         measured_as(broken)
 
 
+@pytest.mark.long
 def test_a_study_of_motions_is_resumed(tmp_path):
     measures = cp.study.sweep(TrajectoryMeasure(duration=0.02), dt=[1e-2, 5e-3])
     path = tmp_path / "rows.jsonl"
@@ -78,6 +80,7 @@ def test_a_study_of_motions_is_resumed(tmp_path):
     assert len(path.read_text().splitlines()) == 2
 
 
+@pytest.mark.long
 def test_every_integrator_is_swept():
     swept = {
         type(measure.integrator).__name__.lower() for measure in cp.study.sweep(TrajectoryMeasure())

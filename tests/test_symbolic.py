@@ -173,6 +173,7 @@ def test_the_library_obeys_that_equation(case, closed, drift):
         assert_near(own.a_ref[case.kept], wanted, 1e-12)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("drift", list(DRIFTS.values())[1:], ids=list(DRIFTS)[1:])
 def test_the_roots_are_those_of_the_linearised_library(drift):
     """About hanging at rest, det(s I - A) = (s^2 + g/l) (s^2 + 2 alpha s + beta^2).

@@ -63,6 +63,7 @@ def test_commands_print_what_is_printable(words, evil, monkeypatch, capsys):
     assert "\\x" in out + err or "\\u" in out
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("words", [[f"no{EVIL}"], ["show", f"no{EVIL}"]])
 def test_errors_are_printable(words, monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["condyn", *words])
@@ -73,6 +74,7 @@ def test_errors_are_printable(words, monkeypatch, capsys):
     assert WRITTEN in said
 
 
+@pytest.mark.long
 def test_names_that_are_no_text_are_printed(tmp_path):
     """A file name of Linux is bytes, of any kind."""
     words = [b"-m", b"condyn_pin", b"show", os.fsencode(tmp_path) + b"/\xff.urdf"]
@@ -81,6 +83,7 @@ def test_names_that_are_no_text_are_printed(tmp_path):
     assert rb"\udcff.urdf" in done.stderr
 
 
+@pytest.mark.long
 def test_a_table_in_colours_stays_one():
     """On a terminal, what is ours still has its colours, and columns fit."""
     screen = output._Screen(markup=False, force_terminal=True, width=80, file=io.StringIO())
@@ -95,6 +98,7 @@ def test_a_table_in_colours_stays_one():
     assert "\x07" not in text
 
 
+@pytest.mark.long
 def test_a_name_in_brackets_is_no_markup(monkeypatch, capsys):
     monkeypatch.setattr(output._Screen, "is_terminal", True)
     with output.progress_bar() as show:
@@ -102,6 +106,7 @@ def test_a_name_in_brackets_is_no_markup(monkeypatch, capsys):
     assert "[/b] of a robot" in capsys.readouterr().err
 
 
+@pytest.mark.long
 def test_words_of_ours_are_as_they_are():
     text = "M a + h = τ + Jᵀ λ\nm/s²"
     assert output.printable(text) == text
@@ -120,6 +125,7 @@ print("went on")
 """
 
 
+@pytest.mark.long
 def test_ctrl_c_in_an_import_ends_it(tmp_path):
     """Modules in C turn it into another error, or into nothing."""
     (tmp_path / "slow.py").write_text(
@@ -132,6 +138,7 @@ def test_ctrl_c_in_an_import_ends_it(tmp_path):
     assert done.stderr == "condyn: interrupted\n"
 
 
+@pytest.mark.long
 def test_the_command_is_what_the_package_installs():
     text = (Path(cp.__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8")
     assert 'condyn = "condyn_pin.__main__:main"' in text

@@ -87,6 +87,7 @@ def test_threads_inside_and_outside(variables, inside):
     assert after == before
 
 
+@pytest.mark.long
 def test_the_number_is_put_back_after_errors_and_from_many_threads():
     before, after = run(
         """
@@ -123,6 +124,7 @@ def test_workers_keep_to_one():
     assert set(found) == {1}
 
 
+@pytest.mark.long
 def test_answers_do_not_hang_on_the_number():
     """To the bit where nothing was set; else to rounding, and with the same statuses."""
     code = """
@@ -147,6 +149,7 @@ def test_answers_do_not_hang_on_the_number():
     assert np.abs(np.subtract(one[0], four[0])).max() < 1e-10 * size
 
 
+@pytest.mark.long
 def test_doctor_says_what_is_set():
     unset = {name: value for name, value in os.environ.items() if name not in VARIABLES}
 

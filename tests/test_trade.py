@@ -92,12 +92,14 @@ def test_the_front_of_random_rows_against_its_definition():
         assert same != beaten
 
 
+@pytest.mark.long
 def test_scenes_and_measures_have_fronts_of_their_own():
     other = dataclasses.replace(BEATEN, scene="t")
     forces = dataclasses.replace(BEATEN, measure="forces")
     assert table((*ROWS, other, forces)).pareto().rows == (COARSE, FINE, SLOW, other, forces)
 
 
+@pytest.mark.long
 def test_a_solver_that_failed_once_is_on_no_front():
     assert table((BROKEN,)).pareto().rows == ()
 
@@ -124,6 +126,7 @@ def test_cheapest_is_checked_at_fresh_states_and_says_so():
     assert "20 fresh states" in str(choice)
 
 
+@pytest.mark.long
 def test_what_only_looked_good_in_the_study_is_rejected():
     lucky = row(cp.Proximal(mu=1.0, max_iterations=1), 1.0, 1e-12)  # it has 1e-1, not 1e-12
     choice = measured(lucky, FINE, SLOW).cheapest(1e-8, states=20)
@@ -168,6 +171,7 @@ def test_when_nothing_meets_the_error_the_best_is_named(rows, error, said, best)
     assert pickle.loads(pickle.dumps(caught.value)).row == caught.value.row
 
 
+@pytest.mark.long
 def test_a_solver_that_fails_at_a_fresh_state_is_rejected():
     dense = row(cp.DenseKKT(), 1.0, 1e-12)  # singular on the four-bar
     choice = measured(dense, FINE).cheapest(1e-8, states=20)
@@ -175,6 +179,7 @@ def test_a_solver_that_fails_at_a_fresh_state_is_rejected():
     assert choice.solver == cp.Proximal(mu=1e-8)
 
 
+@pytest.mark.long
 def test_fresh_states_are_the_same_for_one_seed_and_others_for_another():
     sets = [20, 20, SampledStates(20, seed=1)]
     found = [measured(FINE).cheapest(1e-8, states=each).fresh for each in sets]
@@ -189,6 +194,7 @@ def test_the_states_of_the_study_are_not_fresh(count):
         measured(FINE).cheapest(1e-8, states=SampledStates(count, seed=0))
 
 
+@pytest.mark.long
 def test_states_are_sampled_under_every_load():
     scene = all_scenes()["four_bar loops"]
     states = SampledStates(8).of(scene)
@@ -201,6 +207,7 @@ def test_states_are_sampled_under_every_load():
     assert np.abs(cp.solve(scene, q, v, tau).a).max() < 1e-10  # the crank's motor carries it
 
 
+@pytest.mark.long
 def test_without_motors_nothing_is_compensated():
     sleigh = cp.load_robot("sleigh")
     scene = cp.Scene(sleigh, sleigh.contacts)
@@ -231,6 +238,7 @@ def test_what_random_torques_hide_is_not_chosen():
     assert table.rows[0].error_worst > 1e-5
 
 
+@pytest.mark.long
 @each_row(
     ("other", "shared"),
     [
@@ -268,6 +276,7 @@ def test_questions_without_an_answer(asked, arguments, said):
         asked.cheapest(**arguments)
 
 
+@pytest.mark.long
 @each_row(
     "solver",
     [
@@ -306,6 +315,7 @@ def test_a_measure_that_a_row_cannot_make_again_is_refused():
     assert dataclasses.replace(FINE, how={"dt": 1e-3}).short == "Proximal(mu=1e-08), dt=0.001"
 
 
+@pytest.mark.long
 def test_the_tail_is_continued_as_it_is():
     # a power: the k-th largest of n is (n / k)^(1/2); a hundred times as many give ten times more,
     # and ten errors leave two thirds of the exponent open
@@ -319,6 +329,7 @@ def test_the_tail_is_continued_as_it_is():
     assert Fresh.of([1e-16] * 3 + [0.0] * 197).expected == 1e-16  # rounding
 
 
+@pytest.mark.long
 def test_a_tail_that_ten_errors_underrate_is_not_taken_for_short():
     """As of an early stop where a quarter of the states are at rest: 1.6 times the worst of 200."""
     errors = [7e-7, *[6.5e-7] * 8, 5.83e-7, *[1e-7] * 190]
@@ -359,6 +370,7 @@ def test_a_file_that_is_no_table_is_refused(tmp_path, text):
         Table.from_json(path)
 
 
+@pytest.mark.long
 def test_csv_has_the_machine_and_every_row(tmp_path):
     table().to_csv(tmp_path / "t.csv")
     lines = (tmp_path / "t.csv").read_text().splitlines()
@@ -370,6 +382,7 @@ def test_csv_has_the_machine_and_every_row(tmp_path):
     assert read[5]["median_us"] == ""
 
 
+@pytest.mark.long
 def test_markdown_has_a_line_a_row_and_shows_failures():
     lines = table().to_markdown().splitlines()
     assert len(lines) == 2 + len(ROWS)
@@ -395,6 +408,7 @@ def changed(one: Row, *, slower: float = 1.0, **values) -> Table:
 SLOWER = {"median_us": 1.5 * FINE.median_us, "p95_us": 1.5 * FINE.p95_us}
 
 
+@pytest.mark.long
 @each_row(
     ("new", "old", "common"),
     [
@@ -457,6 +471,7 @@ def drawn(t: Table, **which):
     return ax, {line.get_label(): line for line in ax.get_lines()}
 
 
+@pytest.mark.long
 def test_the_picture_has_a_line_a_method_the_front_and_both_floors():
     ax, lines = drawn(table())
     assert list(lines["Pareto front"].get_xdata()) == [2.0, 3.0, 30.0]
@@ -469,6 +484,7 @@ def test_the_picture_has_a_line_a_method_the_front_and_both_floors():
     assert table().plot(ax=ax) is ax
 
 
+@pytest.mark.long
 def test_no_two_methods_look_the_same_and_none_by_colour_alone():
     from condyn_pin.study.plots import style
 
@@ -514,6 +530,7 @@ def test_condyn_trade_fails_where_nothing_is_good_enough():
     assert "nothing in this table meets acceleration to 1e-20" in result.output
 
 
+@pytest.mark.long
 def test_condyn_trade_takes_other_measures():
     words = ("--quick", "--solvers", "nullspace", "--states", "3")
     result = condyn("trade", "four_bar", "--measure", "forces", *words)
@@ -544,6 +561,7 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, monkeypatch):
     assert all(r.median_us is None and math.isfinite(r.error_worst) for r in rows)
 
 
+@pytest.mark.long
 def test_what_cannot_be_is_refused_before_the_run(tmp_path):
     for option in ("--csv", "--json", "--markdown", "--plot"):
         result = condyn("trade", "four_bar", option, str(tmp_path / "no" / "t.png"))
@@ -554,6 +572,7 @@ def test_what_cannot_be_is_refused_before_the_run(tmp_path):
     assert result.output == ""
 
 
+@pytest.mark.long
 def test_the_bar_knows_how_much_time_is_left(monkeypatch):
     from condyn_pin.cli import output
 

@@ -64,12 +64,14 @@ def test_nothing_in_the_study_says_ok_and_is_wrong():
     assert not wrong, [(row.scene, row.solver, row.statuses) for row in wrong]
 
 
+@pytest.mark.long
 def test_verdicts_come_back_from_the_file(tmp_path):
     some = [trade.Verdict("s", 3, 1e-3, note="why"), VERDICTS[0]]
     script.write(tmp_path / "c.csv", map(asdict, some), {"processor": "p"})
     assert trade.verdicts_of_csv(tmp_path / "c.csv") == some
 
 
+@pytest.mark.long
 def test_a_choice_that_does_not_hold_is_marked():
     missed = trade.Verdict("s", 3, 1e-3, "P()", 1.0, worst=2e-3, holds=False, states=9)
     none = trade.Verdict("s", 3, 1e-6, note="nothing")

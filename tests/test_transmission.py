@@ -84,6 +84,7 @@ def test_directions_add_up(label):
     assert len(through.at_rest) <= through.undetermined
 
 
+@pytest.mark.long
 def test_a_torque_is_held_by_the_motor_that_the_map_says():
     """Statics: a load on coupler and rocker, and its counterpart at the crank, change nothing."""
     scene = four_bar()
@@ -131,6 +132,7 @@ def test_a_dead_point_shows():
         transmission(scene, [at_ground, 0.0, rocker]).joint_torques([1.0], ["rocker"])
 
 
+@pytest.mark.long
 def test_cassies_base_springs_and_rods_rest():
     cassie = robot("cassie")
     legs = cp.Scene(cassie, cassie.loops)
@@ -152,6 +154,7 @@ def test_cassies_base_springs_and_rods_rest():
 CLOSED = ["cassie loops", "delta loops", "four_bar loops", "parallelogram loops", "stewart loops"]
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", CLOSED)
 def test_it_is_how_complete_state_follows_the_motors(label):
     scene, (q, _, _) = all_scenes()[label], states(label)[0]
@@ -194,6 +197,7 @@ def test_a_differential_through_a_loop(gear):
     assert np.allclose(through.jacobian("left_rod"), J, rtol=1e-10, atol=1e-11)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("more", [(), ("left_motor",), ("left_motor", "right_motor")])
 def test_power_of_motors_on_several_joints(more):
     """u . w = tau . v, also where more motors than freedoms conflict; statics holds."""
@@ -225,6 +229,7 @@ def test_one_cable_over_two_joints_leaves_one_of_them_open():
     assert np.abs([0.03, 0.02] @ through.free).max() < 1e-12
 
 
+@pytest.mark.long
 def test_two_feet_on_the_ground_tie_the_motors():
     """Six conditions among 32 motors; the torques that hold a load are the smallest."""
     talos = robot("talos")
@@ -236,6 +241,7 @@ def test_two_feet_on_the_ground_tie_the_motors():
     assert np.allclose(through.motor_torques(h), gravity_compensation(stance, q).u, atol=1e-9)
 
 
+@pytest.mark.long
 def test_what_no_motor_sees_is_along_free():
     talos = robot("talos")
     alone = transmission(cp.Scene(talos), talos.postures["half_sitting"])
@@ -280,6 +286,7 @@ def test_a_frame_is_determined_once_base_and_springs_are_held(robot_name):
     assert np.abs(J).max() > 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("robot_name", ["delta", "stewart"])
 def test_the_middle_of_a_platform_is_moved_by_its_motors_alone(robot_name):
     made = robot(robot_name)

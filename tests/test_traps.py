@@ -259,6 +259,7 @@ def test_trap_8_lcaba_with_a_too_small_mu_is_never_ok(mu, off):
             workspace.solve(*state)
 
 
+@pytest.mark.long
 def test_trap_9_the_stop_test_fires_on_redundant_rows():
     """Pinocchio: with its own accuracy of 1e-12 every iteration that is allowed is spent."""
     cassie = scene("cassie")
@@ -271,6 +272,7 @@ def test_trap_9_the_stop_test_fires_on_redundant_rows():
         assert relative(ours.a, theirs.a) < 1e-10
 
 
+@pytest.mark.long
 def test_trap_8_lcaba_refuses_mu_zero():
     """Pinocchio: NaN, and an absolute_residual of zero."""
     with pytest.raises(cp.InvalidArgument, match=r"mu = 0\.0: a finite number >= "):
@@ -281,6 +283,7 @@ def test_trap_8_lcaba_refuses_mu_zero():
         assert settings.absolute_residual == 0.0
 
 
+@pytest.mark.long
 @needs_lcaba
 def test_trap_8_lcaba_finds_its_own_elimination_order():
     """Pinocchio: without computeJointMinimalOrdering the answer is off by 100 %."""
@@ -333,6 +336,7 @@ def test_trap_10_default_settings_on_a_planar_loop():
     assert relative(solution.a, a) < 1e-12
 
 
+@pytest.mark.long
 def test_trap_10_the_summary_names_the_redundant_row_of_a_planar_loop():
     """Pinocchio: nothing says that a row is redundant."""
     summary = scene("four_bar").summary()
@@ -400,6 +404,7 @@ def test_trap_11_a_contact_without_anchor_belongs_where_it_is():
     assert relative(there.a, here.a) < 1e-10
 
 
+@pytest.mark.long
 def test_trap_11_an_anchored_contact_reports_its_distance():
     """Pinocchio: the desired_contact_placement of a model is read by nothing."""
     solo = robot("solo12")
@@ -419,6 +424,7 @@ def test_trap_11_an_anchored_contact_reports_its_distance():
     assert np.abs(cp.Workspace(anchored).violation(closed)).max() < 1e-10
 
 
+@pytest.mark.long
 def test_trap_11_an_anchored_surface_reports_position_and_turn():
     """Pinocchio: there is no call that says how far a contact is from where it belongs."""
     q, _ = scene("talos").state()
@@ -767,6 +773,7 @@ def test_trap_23_the_raw_lists_keep_their_length(attribute):
 # --- 24: ids and names
 
 
+@pytest.mark.long
 def test_trap_24_pinocchio_takes_any_number_for_a_joint():
     """Pinocchio: an id out of range is accepted or kills it; a frame's id passes for a joint's."""
     outcome = crash.run(
@@ -810,6 +817,7 @@ def test_trap_24_an_unknown_frame_lists_near_names(wrong, near):
         assert near in str(e.value)
 
 
+@pytest.mark.long
 def test_trap_24_a_name_like_no_other_lists_what_exists():
     """Pinocchio: there is no list to choose from."""
     with pytest.raises(
@@ -952,6 +960,7 @@ def test_trap_26_an_edit_through_a_part_that_was_kept_is_noticed(held, edit):
         workspace.acceleration(q, v, tau)
 
 
+@pytest.mark.long
 def test_trap_26_models_that_nobody_holds_are_not_compared(monkeypatch):
     """A comparison takes microseconds; `Workspace.acceleration` of small machines takes nine."""
     four_bar = cp.model.four_bar()
@@ -991,6 +1000,7 @@ def test_joints_that_were_not_added_depth_first_are_refused():
     cp.Robot("deep", chain([("a", ""), ("c", "a"), ("b", "")]))
 
 
+@pytest.mark.long
 def test_a_massless_leaf_is_refused_by_name():
     """Pinocchio: NaN, without a word."""
     model = chain([("a", ""), ("b", "a")])
@@ -1018,6 +1028,7 @@ def test_a_mass_below_zero_is_refused_by_name():
         cp.Robot("chain", model)
 
 
+@pytest.mark.long
 def test_a_limit_that_is_nan_is_not_mistaken_for_an_edit():
     """Pinocchio: a model with NaN in it does not equal itself."""
     model = chain([("a", ""), ("b", "a")])
@@ -1165,6 +1176,7 @@ def q_rotation(q: np.ndarray) -> np.ndarray:
     return pin.Quaternion(q[6], *q[3:6]).toRotationMatrix()
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("length", [1e-6, 1e-4, 1.0, 1e4, 1e6])
 @pytest.mark.parametrize("name", ["cassie", "talos", "stewart"])
 def test_no_unit_of_length_makes_a_machine_massless(name, length):
@@ -1173,6 +1185,7 @@ def test_no_unit_of_length_makes_a_machine_massless(name, length):
     assert Units(length).scene(cp.Scene(robot, robot.loops)).robot.nv == robot.nv
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("kind", [pin.JointModelPX, pin.JointModelRX])
 def test_a_massless_leaf_is_refused_beside_joints_of_the_other_kind(kind):
     other = pin.JointModelRY if kind is pin.JointModelPX else pin.JointModelPZ

@@ -51,6 +51,7 @@ def test_without_a_plan_the_error_says_tune(scene):
         cp.study.tuned(scene, 1e-8, measure="forces")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     "solver",
     [
@@ -73,6 +74,7 @@ def test_what_was_kept_is_found_by_an_equal_scene(scene, solver, cache):
     assert cp.solve(scene, q, v, np.zeros(3), solver=cp.study.tuned(scene), throw=False).a.size == 3
 
 
+@pytest.mark.long
 def test_another_scene_another_error_and_another_measure_have_no_plan(scene):
     study.write_plan_of(scene, choice(cp.Proximal()))
     bar = cp.model.four_bar(crank=0.21)
@@ -85,6 +87,7 @@ def test_another_scene_another_error_and_another_measure_have_no_plan(scene):
         cp.study.tuned(scene, 1e-8, measure="forces")
 
 
+@pytest.mark.long
 def test_a_plan_of_another_version_is_not_used_and_is_named(scene, monkeypatch):
     study.write_plan_of(scene, choice(cp.Proximal()))
     now = plans.machine()
@@ -136,6 +139,7 @@ def test_a_folder_that_cannot_be_written_is_named(scene, tmp_path, monkeypatch):
         study.write_plan_of(scene, choice(cp.Proximal()))
 
 
+@pytest.mark.long
 def test_the_fingerprint_is_that_of_the_content(scene):
     known = fingerprint(scene)
     words = (
@@ -160,6 +164,7 @@ def test_the_fingerprint_is_that_of_the_content(scene):
     assert len(found) == 5
 
 
+@pytest.mark.long
 def test_arguments_that_cannot_be():
     with pytest.raises(cp.InvalidArgument, match="a Scene is needed"):
         cp.study.tuned("cassie", 1e-8)
@@ -193,6 +198,7 @@ def test_tune_measures_keeps_and_tuned_finds(scene, monkeypatch):
     assert any("times" in what for what in seen)
 
 
+@pytest.mark.long
 def test_what_is_chosen_carries_the_accuracy_it_was_chosen_for(scene):
     rough = cp.Proximal(mu=1e-3, max_iterations=1)
     chosen = cp.study.tune(scene, 1e-1, solvers=[rough])
@@ -216,6 +222,7 @@ def test_what_is_chosen_carries_the_accuracy_it_was_chosen_for(scene):
     assert pickle.loads(pickle.dumps(found)) == found
 
 
+@pytest.mark.long
 @pytest.mark.values
 @pytest.mark.parametrize("accuracy", [-1.0, 0.0, np.nan, "rough", None])
 @pytest.mark.parametrize("kind", [cp.Proximal, cp.dynamics.Reference, cp.dynamics.NullSpace])
@@ -224,6 +231,7 @@ def test_an_accuracy_that_no_answer_can_have(kind, accuracy):
         kind(accuracy=accuracy)
 
 
+@pytest.mark.long
 def test_tune_may_keep_nothing_and_promises_no_less_than_ok_does(scene, cache):
     chosen = cp.study.tune(scene, 1e-10, solvers=CANDIDATES[2:], save=False)
     assert chosen == cp.dynamics.NullSpace()
@@ -242,6 +250,7 @@ def test_tune_by_another_measure_is_a_plan_of_its_own(scene):
         cp.study.tuned(scene, 1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("level", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("label", ["four_bar loops", "solo12 contacts"])
 def test_the_cheapest_meets_its_error_where_nobody_has_looked(label, level):

@@ -142,6 +142,7 @@ def in_many_digits(scene, q, v, tau, steps):
     return ((ends[0] - ends[1]) / (2 * h)).astype(float)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", KINDS)
 def test_which_joints_turn_is_read_off_their_axes(name):
     model = floating(name).model
@@ -240,6 +241,7 @@ def test_energy_of_turning_axes_is_kept_to_the_order_of_the_method(name):
     assert 3.5 < errors[0] / errors[1] < 4.5
 
 
+@pytest.mark.long
 @pytest.mark.values
 @pytest.mark.parametrize("integrator", sorted(cp.simulation.INTEGRATORS))
 @pytest.mark.parametrize("name", sorted(TURNING))

@@ -64,6 +64,7 @@ def test_a_body_that_falls_through_the_floor_is_told_with_time_and_depth(
     assert meets - 2e-3 < first < meets + 2 * 0.4 / 100
 
 
+@pytest.mark.long
 def test_the_line_of_the_notice_adds_what_was_missing(tmp_path):
     robot = falling(tmp_path)
     (said,) = dropped(robot).notices
@@ -76,6 +77,7 @@ def test_the_line_of_the_notice_adds_what_was_missing(tmp_path):
     assert 0.4 + run.q[-1, 0] - 0.03 == pytest.approx(0.0, abs=1e-6)
 
 
+@pytest.mark.long
 def test_other_planes_are_named_and_what_no_contact_touches_is_no_ground(tmp_path):
     robot = falling(tmp_path)
     assert dropped(robot, duration=0.2).notices == ()  # still above

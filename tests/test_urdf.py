@@ -58,6 +58,7 @@ def test_simple_transmissions_name_the_motors(read):
     assert not [text for text in robot.unused if "not read" in text]
 
 
+@pytest.mark.long
 def test_motors_of_the_caller_are_before_those_of_the_file(tmp_path):
     path = tmp_path / "robot.urdf"
     path.write_text(f'<robot name="r">{"".join(SWING)}{transmission("t", "right")}</robot>')
@@ -87,6 +88,7 @@ def leg(limit: str, kind: str = "revolute"):
     return (*SWING[:4], joint("left", "beam", "a", limit, kind), right, *SWING[6:])
 
 
+@pytest.mark.long
 def test_limits_without_bounds_are_none_and_said(read):
     """By the format they are 0 to 0: the joint is locked, and nothing assembles."""
     swing = read(*leg('<limit effort="100" velocity="20"/>'))
@@ -103,6 +105,7 @@ def test_limits_without_bounds_are_none_and_said(read):
     assert cp.solve(scene, q, v, np.zeros(3)).status.ok
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("limit", ['lower="-1"', 'upper="1"', 'lower="-1" upper="1"'])
 def test_one_bound_leaves_the_other_at_zero(read, limit):
     swing = read(*leg(f'<limit {limit} effort="100" velocity="20"/>'))
@@ -125,6 +128,7 @@ def test_a_half_that_is_alone_closes_nothing(read):
     assert any("'closing_bar_1': its other half is missing" in text for text in swing.unused)
 
 
+@pytest.mark.long
 def test_robot_toml_says_the_kind_of_a_cut_joint(tmp_path):
     (tmp_path / "swing.urdf").write_text(f'<robot name="swing">{"".join(SWING)}</robot>')
     card = tmp_path / "robot.toml"
@@ -165,6 +169,7 @@ def test_mimic_is_a_coupling(read, kind):
     assert a[right.idx_v] == pytest.approx(-2 * a[left.idx_v], rel=1e-9)
 
 
+@pytest.mark.long
 def test_robot_toml_may_leave_mimic_joints_alone(tmp_path):
     right = joint("right", "beam", "b", MIMIC)
     text = "".join([*SWING[:5], right, SWING[6]])
@@ -218,6 +223,7 @@ def test_every_urdf_of_example_robot_data_is_read_as_pinocchio_reads_it():
         assert read_urdf(path).model == expected, path
 
 
+@pytest.mark.long
 def test_what_is_not_read_does_no_harm(read):
     mesh = '<geometry><mesh filename="package://nowhere/x.stl" scale="nan 1"/></geometry>'
     junk = f"<visual>{mesh}</visual><collision>{mesh}</collision>"
@@ -303,6 +309,7 @@ def test_what_is_wrong_is_said(read, sentence):
         read(*WRONG[sentence])
 
 
+@pytest.mark.long
 def test_a_root_link_named_world_stands_still_or_is_refused(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_text(f'<robot name="r">{link("world")}{link("a")}{joint("j", "world", "a")}</robot>')
@@ -311,12 +318,14 @@ def test_a_root_link_named_world_stands_still_or_is_refused(tmp_path):
         cp.load_robot(path, root_joint="free_flyer")
 
 
+@pytest.mark.long
 def test_a_negative_moment_is_doubted(read):
     odd = link("d").replace('"0.001"', '"-0.001"')
     robot = read(*SWING, odd, joint("new", "a", "d", kind="fixed"))
     assert any("doubts about the inertia of d" in text for text in robot.unused)
 
 
+@pytest.mark.long
 def test_a_body_that_no_solid_is_is_doubted_where_it_is_fixed_and_refused_where_it_moves(read):
     for old, new, text in (
         ('"0.001"', '"-0.0001"', "the principal moment -0.0001 kg m^2 is negative"),
@@ -335,6 +344,7 @@ def test_a_body_that_no_solid_is_is_doubted_where_it_is_fixed_and_refused_where_
     assert any("inertia of d: the principal moments" in text for text in robot.unused)
 
 
+@pytest.mark.long
 def test_all_that_is_not_read_is_listed(read):
     extra = '<safety_controller k_velocity="1"/><calibration rising="0"/>'
     robot = read(
@@ -349,6 +359,7 @@ def test_all_that_is_not_read_is_listed(read):
     assert "attributes that are not read: 1 spring_stiffness of <dynamics>" in robot.unused
 
 
+@pytest.mark.long
 def test_mimics_and_halves_that_do_nothing_are_listed(read):
     still = joint("new", "a", "d", '<mimic joint="left"/>', "fixed")
     robot = read(*SWING, link("d"), still, tip("closing_bar_3", "a", "0 0 0"))

@@ -48,11 +48,13 @@ def test_two_names_close_a_loop(tmp_path, first, second, name, kind):
     assert any(f"joints cut at {name}: {kind}s here" in text for text in robot.unused)
 
 
+@pytest.mark.long
 def test_the_other_order_is_the_same_loop(tmp_path):
     robot = cp.load_robot(swing(tmp_path, "closedloop1_B", "closedloop1_A"))
     assert robot.loops == (cp.Loop("closedloop1_A", "closedloop1_B", "weld", name="closedloop1"),)
 
 
+@pytest.mark.long
 def test_joints_have_such_names_too(tmp_path):
     path = swing(tmp_path, "one", "two")
     text = (
@@ -63,6 +65,7 @@ def test_joints_have_such_names_too(tmp_path):
     assert (loop.frame_a, loop.frame_b) == ("closedloop1_A", "closedloop1_B")
 
 
+@pytest.mark.long
 @each_row(
     "names",
     [
@@ -117,6 +120,7 @@ def test_a_file_names_loops_and_motors(ends, name, text):
     assert cp.solve(scene, q, v, np.zeros(3)).status.ok
 
 
+@pytest.mark.long
 def test_a_loop_is_a_weld_unless_the_file_says_otherwise(ends):
     ends.with_name("robot.yaml").write_text(PAIR)
     assert cp.load_robot(ends).loops[0].kind == "weld"
@@ -142,6 +146,7 @@ def test_a_type_may_be_any_kind_of_loop(ends, text, loop):
     assert cp.load_robot(ends).loops == (cp.Loop("end_c", "end_b", **loop),)
 
 
+@pytest.mark.long
 def test_a_loop_of_a_file_is_called_as_its_frames_are(tmp_path):
     path = swing(tmp_path, "closedloop1_A", "closedloop1_B")
     path.with_suffix(".yaml").write_text(
@@ -218,11 +223,13 @@ def test_a_joint_becomes_a_ball_or_universal(ends, kind, name):
     assert cp.solve(scene, q, v, np.zeros(robot.nv)).status.ok
 
 
+@pytest.mark.long
 def test_a_joint_is_fixed(ends):
     ends.with_suffix(".yaml").write_text("joint_name: [right]\njoint_type: [FIXED]\n")
     assert cp.load_robot(ends).joints == ("left", "bottom")
 
 
+@pytest.mark.long
 def test_a_ball_on_a_base_that_moves(ends):
     ends.with_suffix(".yaml").write_text(BALLS + PAIR)
     text = ends.read_text().replace('<link name="beam"></link>', link("beam"))
@@ -234,6 +241,7 @@ def test_a_ball_on_a_base_that_moves(ends):
     assert cp.solve(scene, q, v, np.zeros(robot.nv)).status.ok
 
 
+@pytest.mark.long
 def test_a_card_comes_first(ends):
     """A robot.toml of this library beside it: its loops and motors replace those of the file."""
     ends.rename(ends.with_name("swing.urdf"))
@@ -250,6 +258,7 @@ def test_a_card_comes_first(ends):
     assert len(robot.loops) == 1
 
 
+@pytest.mark.long
 @each_row(
     "text",
     [

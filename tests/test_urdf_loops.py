@@ -96,18 +96,21 @@ def test_points_of_loops(second):
     assert_same_motion(cp.Scene(robot, robot.loops), by_hand("ball"))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("kind", "rows"), [("fixed", 6), ("prismatic", 5)])
 def test_other_kinds_of_loops(kind, rows):
     robot = bars(CLOSED["one more parent"].replace('"revolute"', f'"{kind}"', 1))
     assert cp.Scene(robot, robot.loops).rows == rows
 
 
+@pytest.mark.long
 def test_a_cylindrical_loop():
     robot = bars(CLOSED["an axis in the parent"].replace("revolute", "cylindrical"))
     (loop,) = robot.loops
     assert (loop.kind, loop.axis, loop.rows) == ("cylindrical", "z", 4)
 
 
+@pytest.mark.long
 def test_a_file_with_one_loop_in_two_ways_has_both():
     robot = bars(
         CLOSED["in a gazebo element"] + POINT.format(TIP, "link2", END).replace("c", "d", 1)
@@ -188,6 +191,7 @@ GAZEBO = (
 )
 
 
+@pytest.mark.long
 def test_what_gazebo_adds_to_the_motion_is_not_modelled():
     with pytest.warns(UnmodelledWarning, match="turnGravityOff"):
         robot = bars(GAZEBO)
@@ -249,6 +253,7 @@ def test_a_robot_has_the_name_in_its_file(tmp_path):
     assert bars("").description == ""
 
 
+@pytest.mark.long
 def test_macros_are_named_with_what_expands_them(tmp_path):
     text = (
         '<robot xmlns:xacro="http://ros.org/wiki/xacro" name="leg"><xacro:macro name="m"/></robot>'
@@ -279,6 +284,7 @@ def test_names_of_robot_descriptions(tmp_path, monkeypatch):
         cp.load_robot("no_such_description")
 
 
+@pytest.mark.long
 def test_a_robot_is_changed_by_methods():
     robot = bars("").with_frame("end", "rocker", [float(x) for x in END.split()])
     loop, foot = cp.Loop("pin", "end", "ball", name="c"), cp.PointContact("pin", name="foot")
@@ -295,6 +301,7 @@ def test_a_robot_is_changed_by_methods():
         robot.with_limits({"crank": (1.0, -1.0)})
 
 
+@pytest.mark.long
 def test_joints_of_a_model_without_frames_are_frames():
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "b")

@@ -72,6 +72,7 @@ def test_cassie_on_lines_is_cassie_on_points():
             )
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("name", "count"), [("panda", 1), ("talos_full", 12)])
 def test_fingers_are_coupled_if_asked_for(name, count):
     coupled = cp.load_robot(name, variant={"fingers": "coupled"})
@@ -84,6 +85,7 @@ def test_fingers_are_coupled_if_asked_for(name, count):
     assert cp.solve(scene, q, v, np.zeros(coupled.nv), solver=cp.DenseKKT()).status.ok
 
 
+@pytest.mark.long
 def test_the_default_variant_is_the_first_value_of_each_option():
     cassie = robot("cassie")
     assert cassie == cp.load_robot("cassie", variant={})
@@ -109,6 +111,7 @@ def test_with_springs_locked_cassie_has_neither_springs_nor_their_coordinates(ca
         np.testing.assert_allclose(place.homogeneous, at[locked][name].homogeneous, atol=1e-14)
 
 
+@pytest.mark.long
 def test_the_mass_matrix_with_springs_locked_is_a_block_of_the_free_one(cassies):
     free, locked = cassies["free ball"], cassies["locked ball"]
     full, part = (
@@ -118,6 +121,7 @@ def test_the_mass_matrix_with_springs_locked_is_a_block_of_the_free_one(cassies)
     np.testing.assert_allclose(np.triu(part), np.triu(full)[np.ix_(rows, rows)], atol=1e-13)
 
 
+@pytest.mark.long
 def test_cassie_as_the_file_has_a_hinge_at_the_heel_spring(cassies):
     kinds = {loop.name: loop.kind for loop in cassies["free hinge"].loops}
     assert {n: k for n, k in kinds.items() if "achilles" in n} == {
@@ -126,6 +130,7 @@ def test_cassie_as_the_file_has_a_hinge_at_the_heel_spring(cassies):
     assert {k for n, k in kinds.items() if "plantar" in n} == {"ball"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("variant", "says"),
     [
@@ -148,6 +153,7 @@ def test_a_variant_that_is_no_mapping_of_names_is_refused(variant):
             cp.load_robot(name, variant=variant)
 
 
+@pytest.mark.long
 def test_robots_without_variants_say_so(tmp_path):
     for name in ("four_bar", "talos"):
         with pytest.raises(cp.errors.UnknownName, match="no variant named 'springs'; known: none"):
@@ -275,14 +281,19 @@ def test_a_config_may_open_every_loop_as_pinocchio_s_parser_does(tmp_path):
         cp.load_robot(tmp_path)
 
 
-def test_a_config_may_name_the_joint_to_cut_and_motors_are_kept(tmp_path):
+def test_a_config_may_name_the_joint_to_cut_a_motor_too(tmp_path):
     ring_config(tmp_path, 'cut = ["ac"]')
     assert [loop.name for loop in cp.load_robot(tmp_path).loops] == ["ac"]
     ring_config(tmp_path, 'cut = ["ab"]')
-    with pytest.raises(cp.errors.InvalidModel, match="'ab' cannot be cut: it is actuated"):
-        cp.load_robot(tmp_path)
+    whole = cp.load_robot(tmp_path)
+    assert [loop.name for loop in whole.loops] == ["ab_weld"]
+    assert "ab" in whole.actuated
+    q = whole.postures["home"]
+    np.testing.assert_array_equal(whole.model.referenceConfigurations["home"], q)
+    assert len(q) == whole.nq
 
 
+@pytest.mark.long
 def test_the_quaternion_of_a_ball_that_is_reversed_is_inverted_in_postures_of_an_srdf(tmp_path):
     ring_config(tmp_path, 'root = "a"\ncut = ["ac"]')  # a, b, and c below b
     q = cp.load_robot(tmp_path).postures["home"]
@@ -295,6 +306,7 @@ def test_the_quaternion_of_a_ball_that_is_reversed_is_inverted_in_postures_of_an
 # Locked joints ----------------------------------------------------------------------------------
 
 
+@pytest.mark.long
 def test_a_joint_is_locked_where_its_spring_rests():
     cassie = robot("cassie")
     spring = dataclasses.replace(cassie.springs[0], reference=0.3)
@@ -313,6 +325,7 @@ def test_a_joint_is_locked_where_its_spring_rests():
     assert len(locked.springs) == 3
 
 
+@pytest.mark.long
 def test_rotors_of_the_joints_that_are_left_stay():
     talos = robot("talos")
     locked = lock_joints(talos, ["arm_left_1_joint"])
@@ -346,6 +359,7 @@ def test_a_loop_of_locked_joints_is_gone_if_closed_and_refused_if_open(read):
         lock_joints(bent, ["ab", "bc"])
 
 
+@pytest.mark.long
 def test_a_model_without_frames_of_its_joints_is_locked_too():
     model = pin.Model()
     for name in "ab":
@@ -356,6 +370,7 @@ def test_a_model_without_frames_of_its_joints_is_locked_too():
     assert locked.mass == pytest.approx(sum(inertia.mass for inertia in model.inertias))
 
 
+@pytest.mark.long
 def test_contacts_of_a_body_that_is_locked_to_the_world_are_gone():
     talos = robot("talos")
     leg = [name for name in talos.joints if name.startswith("leg_left_")]

@@ -45,11 +45,13 @@ def test_solids_have_their_volume_and_point_outward(solid, wanted, to):
     assert volume(solid) == pytest.approx(wanted, rel=to)
 
 
+@pytest.mark.long
 def test_a_capsule_stands_on_the_origin_but_for_its_half_ball():
     z = meshes.capsule(0.5, 2.0).vertices[:, 2]
     assert (z.min(), z.max()) == pytest.approx((-0.5, 2.5))
 
 
+@pytest.mark.long
 def test_a_simplified_mesh_keeps_its_form_to_a_cell():
     shape = next(s for s in shapes_of(cassie().description)[0] if s.link == "pelvis")
     fine = meshes.read_mesh(shape.file)
@@ -60,6 +62,7 @@ def test_a_simplified_mesh_keeps_its_form_to_a_cell():
     assert coarse.faces.max() < len(coarse.vertices)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("edges", [(0.01, 0.01, 1.0), (0.01, 1.0, 1.0), (1.0, 1.0, 1.0)])
 def test_a_simplified_rod_or_plate_stays_one(edges):
     fine = meshes.box(*edges)
@@ -83,6 +86,7 @@ def halved(mesh):
     return meshes.cleaned(corners.reshape(-1, 3), np.arange(3 * len(corners)).reshape(-1, 3))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["cassie", "talos"])
 def test_what_moves_has_few_triangles_and_the_same_extent(name):
     found = drawing(cp.load_robot(name))
@@ -100,6 +104,7 @@ def test_what_moves_has_few_triangles_and_the_same_extent(name):
     assert not any(part.coarse for part in drawing(cp.model.four_bar()).parts)  # few as it is
 
 
+@pytest.mark.long
 def test_a_span_takes_the_unit_length_to_a_segment():
     rng = np.random.default_rng(0)
     for _ in range(20):
@@ -111,6 +116,7 @@ def test_a_span_takes_the_unit_length_to_a_segment():
     assert np.isfinite(span(start, start)).all()
 
 
+@pytest.mark.long
 def test_gaps_are_coloured_by_their_length():
     assert palette.gap_colour(0.0) == palette.CLOSED
     assert palette.gap_colour(1.0) == pytest.approx(palette.OPEN)
@@ -140,6 +146,7 @@ def test_every_robot_can_be_seen(name):
     assert reach < 2.0 * found.size  # a mesh in millimetres would be far outside
 
 
+@pytest.mark.long
 def test_joints_are_marked_along_their_axes_and_motors_told_apart():
     found = parts(cassie())
     motors = {p.split("/", 2)[2] for p in found if p.startswith("joints/actuated/")}
@@ -201,6 +208,7 @@ def test_forces_are_arrows_where_and_how_they_act():
     assert not [p for p in parts(sol, forces=False) if p.startswith("forces/")]
 
 
+@pytest.mark.long
 def test_a_force_is_on_a_body_and_not_on_a_mere_frame():
     found = parts(held("stewart"))
     frames = held("stewart").scene.robot.model.frames
@@ -232,12 +240,14 @@ def tree(names, name="r"):
     return cp.Robot(name, model)
 
 
+@pytest.mark.long
 def test_what_nobody_drew_has_its_inertia():
     (part,) = bodies.skeleton(tree(["hinge"]), 0.1)
     half = 0.5 * np.ptp(part.meshes[-1][0].vertices, axis=0)
     assert np.allclose(np.sort(half), (0.1, 0.2, 0.3), rtol=0.06)
 
 
+@pytest.mark.long
 def test_an_inertia_that_would_hide_the_rods_is_clear():
     """Andrews' squeezer is given in the plane: its inertias are those of large balls."""
     found = parts(cp.load_robot("andrews"))
@@ -274,6 +284,7 @@ HANGING = """<robot name="arm"><link name="ground"/>
 <origin xyz="0 0 -0.4"/><axis xyz="0 1 0"/></joint></robot>"""
 
 
+@pytest.mark.long
 def test_a_robot_that_is_drawn_in_part_is_seen_whole_and_above_the_floor(tmp_path):
     (tmp_path / "arm.urdf").write_text(HANGING)
     found = parts(cp.load_robot(tmp_path / "arm.urdf"))
@@ -329,6 +340,7 @@ def test_marks_are_solids_that_are_seen_from_outside(name):
         assert all(volume(mesh) > 0.0 for mesh, _ in part.meshes), part.path
 
 
+@pytest.mark.long
 def test_an_assembly_is_seen_before_and_after():
     loops = cp.Scene(cassie(), cassie().loops)
     found = drawing(loops.assemble(bent(), fixed=["left-knee-op"]))
@@ -343,6 +355,7 @@ def test_an_assembly_is_seen_before_and_after():
     assert np.linalg.norm(after.place(at)[:3, 2]) < 1e-8
 
 
+@pytest.mark.long
 def test_a_smaller_robot_keeps_its_shapes():
     locked = cp.Scene(cassie(), cassie().loops).lock(["left-knee-op"])
     assert locked.robot.description == cassie().description
@@ -365,6 +378,7 @@ _URDF = """<robot name="r"><link name="base"/><link name="arm">
   </joint></robot>"""
 
 
+@pytest.mark.long
 def test_a_mesh_that_is_missing_is_said(tmp_path):
     path = tmp_path / "r.urdf"
     path.write_text(_URDF)
@@ -460,6 +474,7 @@ def test_an_ellipsoid_of_an_sdf_has_its_half_axes(tmp_path):
 # Motions
 
 
+@pytest.mark.long
 def test_a_motion_is_played_thirty_times_a_second():
     found = drawing(swinging())
     assert len(found.instants) == 16
@@ -472,6 +487,7 @@ def test_a_motion_is_played_thirty_times_a_second():
     assert np.allclose(found.instants[9].joints[-1].homogeneous, data.oMi[-1].homogeneous)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("speed", [1.0, 0.37])
 def test_a_motion_is_shown_as_closed_as_it_was_computed(speed):
     """Between samples nothing was computed: halfway between closed configurations is open."""
@@ -506,6 +522,7 @@ def said_of(kind, monkeypatch, run):
     return drawing(run), said
 
 
+@pytest.mark.long
 def test_a_label_says_the_largest_gap_of_the_run_and_not_of_what_is_shown(monkeypatch):
     q = swinging().q.copy()
     q[3, 0] += 0.01  # [rad], at 15 ms, between two pictures
@@ -518,6 +535,7 @@ def test_a_label_says_the_largest_gap_of_the_run_and_not_of_what_is_shown(monkey
     assert millimetres > 1.0
 
 
+@pytest.mark.long
 def test_an_arrow_says_the_largest_force_of_the_run(monkeypatch):
     lam = swinging().lam.copy()
     lam[3] *= 50.0  # at 15 ms, between two pictures
@@ -548,16 +566,19 @@ def test_one_moment_of_a_motion_is_a_still_picture_with_its_own_forces():
         drawing(run.scene, t=0.0)
 
 
+@pytest.mark.long
 def test_a_name_or_a_path_is_read_first():
     with pytest.raises(cp.InvalidArgument, match=r"load_robot makes a Robot.*Trajectory.load"):
         cp.view("four_bar")
 
 
+@pytest.mark.long
 def test_a_loop_that_is_closed_says_so(monkeypatch):
     _, (text,) = said_of("closures", monkeypatch, swinging())
     assert text.endswith(": closed")
 
 
+@pytest.mark.long
 def test_an_event_is_shown_before_and_after():
     """Two samples have one time; a sparse motion shows both, and never one out of order."""
     two = SimpleNamespace(t=np.array([0.0, 0.1, 0.1, 0.2]))
@@ -577,6 +598,7 @@ def test_what_moves_has_tracks_and_what_rests_has_none():
     assert {t["name"] for t in moving[arrow]} == {".position", ".quaternion", ".scale"}
 
 
+@pytest.mark.long
 def test_a_motion_survives_its_file(tmp_path):
     run = cp.simulate(standing(), *standing().state("standing"), duration=0.05, dt=0.005)
     run.save(tmp_path / "run.npz")
@@ -588,6 +610,7 @@ def test_a_motion_survives_its_file(tmp_path):
 # The camera
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["four_bar", "five_bar", "parallelogram", "andrews", "n_four_bar"])
 def test_a_linkage_in_a_plane_is_seen_across_it(name):
     found = drawing(cp.load_robot(name))
@@ -602,12 +625,14 @@ def test_a_linkage_in_a_plane_is_seen_across_it(name):
     assert right.sum() > 0.0  # x goes to the right
 
 
+@pytest.mark.long
 def test_what_moves_in_space_is_seen_from_a_corner():
     for name in ("cassie", "stewart", "delta", "panda"):
         back = drawing(cp.load_robot(name)).eye.axes[2]
         assert np.abs(back).max() < 0.9
 
 
+@pytest.mark.long
 def test_a_linkage_that_lies_flat_is_seen_from_above():
     model = pin.Model()
     place = pin.SE3.Identity()

@@ -74,6 +74,7 @@ def test_a_shape_has_its_size_and_its_place(shape, size):
     assert np.allclose((world.min(axis=0) + world.max(axis=0)) / 2, (0.0, 0.0, 0.6), atol=1e-12)
 
 
+@pytest.mark.long
 def test_a_point_has_no_shape_and_is_seen_where_it_is():
     found = drawing(cp.Scene(cp.model.free_box(), contacts=[
         c.FrictionalContact("box", offset=(0.1, 0.0, -0.1), friction=0.0)
@@ -84,6 +85,7 @@ def test_a_point_has_no_shape_and_is_seen_where_it_is():
     assert np.allclose(place[:3, 3], (0.1, 0.0, 0.0))
 
 
+@pytest.mark.long
 def test_the_lowest_point_of_a_ball_is_on_it_whichever_way_it_turns():
     scene = cp.Scene(cp.model.free_ball(radius=0.1),
                      contacts=[c.FrictionalContact("ball", c.Ball(0.1), friction=0.5)])  # fmt: skip
@@ -94,6 +96,7 @@ def test_the_lowest_point_of_a_ball_is_on_it_whichever_way_it_turns():
     assert np.allclose(point.place(found.instants[0])[:3, 3], (0.0, 0.0, 0.2))
 
 
+@pytest.mark.long
 def test_a_plane_is_a_square_below_every_point_of_the_motion():
     slope = c.Plane((0.3, 0.0, 1.0), 0.2)
     scene = box_on(slope, friction=0.1)
@@ -115,6 +118,7 @@ def test_a_plane_is_a_square_below_every_point_of_the_motion():
     assert ground.sheet
 
 
+@pytest.mark.long
 def test_a_fall_is_seen_with_its_ground():
     scene = box_on(friction=0.5)
     q = scene.state()[0]
@@ -146,6 +150,7 @@ def test_what_touches_between_bodies_is_drawn_on_both():
     assert np.allclose(corners[:, 2], 0.2, atol=5e-3 * found.size)
 
 
+@pytest.mark.long
 def test_two_bodies_that_meet_are_both_drawn():
     two = cp.model.together({"low": cp.model.free_box(), "high": cp.model.free_ball(radius=0.1)})
     pair = c.FrictionalContact(
@@ -176,6 +181,7 @@ def test_colours_tell_open_stick_and_slide_apart():
     assert len({palette.SLIDES, palette.STICKS, palette.AWAY}) == 3
 
 
+@pytest.mark.long
 def test_a_page_plays_the_colours():
     found = drawing(sliding())
     played = tracks(found.parts, found.instants, found.frames)
@@ -185,6 +191,7 @@ def test_a_page_plays_the_colours():
     assert "contact that may open" not in found.html()
 
 
+@pytest.mark.long
 def test_where_nobody_asked_there_is_no_mode():
     found = drawing(box_on(friction=0.5))
     assert not [p for p in found.parts if p.path.startswith("touching/")]
@@ -228,6 +235,7 @@ def test_arrows_are_the_forces_of_contacts_in_the_world():
     assert "a step of 0.001 s, ok" in found.title
 
 
+@pytest.mark.long
 def test_what_flies_has_no_arrows_of_rounding():
     cassie = cp.load_robot("cassie")
     scene = cp.Scene(cassie, cassie.loops)
@@ -239,6 +247,7 @@ def test_what_flies_has_no_arrows_of_rounding():
     assert [p for p in parts(pulled) if p.startswith("forces/")]
 
 
+@pytest.mark.long
 def test_an_arrow_says_the_largest_force_of_the_fall():
     motion = dropped()
     found = drawing(motion)
@@ -272,6 +281,7 @@ def lines(ax):
     return {line.get_label(): line.get_ydata() for line in ax.lines}
 
 
+@pytest.mark.long
 def test_gaps_are_those_of_the_motion(ax):
     assert plots.gaps(dropped(), ax=ax) is ax
     drawn = lines(ax)
@@ -280,6 +290,7 @@ def test_gaps_are_those_of_the_motion(ax):
     assert "gap" in ax.get_ylabel()
 
 
+@pytest.mark.long
 def test_normal_forces_carry_the_weight(ax):
     plots.normal_forces(sliding(), BELOW, ax)
     drawn = lines(ax)
@@ -287,6 +298,7 @@ def test_normal_forces_carry_the_weight(ax):
     assert np.allclose(sum(drawn.values())[1:], 9.81, rtol=1e-6)
 
 
+@pytest.mark.long
 def test_a_stop_has_a_normal_force(ax):
     arm = cp.model.pendulum()
     arm.model.lowerPositionLimit[:] = -0.1
@@ -298,6 +310,7 @@ def test_a_stop_has_a_normal_force(ax):
     assert lines(ax)[f"{joint}/lower"].max() > 0.0
 
 
+@pytest.mark.long
 def test_bars_cover_the_time_without_overlap(ax):
     motion = sliding()
     plots.modes(motion, BELOW[:1], ax)
@@ -325,6 +338,7 @@ def test_diagrams_say_what_they_cannot_draw(plot, ax):
         plot(still, ax=ax)
 
 
+@pytest.mark.long
 def test_energies_of_a_slide_have_the_work_of_friction(ax):
     plots.energy(sliding(), ax)
     assert lines(ax)["contacts"][-1] == pytest.approx(-0.5 * 0.2**2, rel=1e-2)
@@ -333,6 +347,7 @@ def test_energies_of_a_slide_have_the_work_of_friction(ax):
 # In a browser
 
 
+@pytest.mark.long
 @pytest.mark.chromium
 def test_a_picture_shows_what_slides_on_what(tmp_path):
     from PIL import Image

@@ -41,6 +41,7 @@ def test_meshes_have_the_area_and_the_bounds_of_their_files(name):
     assert [path.name for path in files(name) if not is_as_plainly_read(path)] == []
 
 
+@pytest.mark.long
 def test_robots_are_drawn_by_files():
     assert len(files("cassie")) > 10
 
@@ -76,18 +77,21 @@ def dae(path, unit="meter", metres="1", up="Z_UP"):
     return path
 
 
+@pytest.mark.long
 def test_a_second_material_has_its_own_corners(tmp_path):
     path = dae(tmp_path / "two.dae")
     assert area(meshes.read_mesh(path)) == pytest.approx(0.5 + 1.0)
     assert is_as_plainly_read(path)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("unit", "metres"), [("millimeter", "0.001"), ("inch", "0.0254")])
 def test_a_collada_file_in_other_units_is_drawn_in_metres(tmp_path, unit, metres):
     mesh = meshes.read_mesh(dae(tmp_path / "small.dae", unit, metres))
     assert area(mesh) == pytest.approx(1.5 * float(metres) ** 2)
 
 
+@pytest.mark.long
 def test_the_axis_that_a_collada_file_calls_up_does_not_turn_it(tmp_path):
     """A link's frame says where its mesh is; ROS's viewers leave it at that, and so does Gazebo."""
     upright = meshes.read_mesh(dae(tmp_path / "z.dae", up="Z_UP"))
@@ -118,6 +122,7 @@ endsolid thing
 """
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("name", "text", "wanted"), [("a.obj", _OBJ, 2.0 + 1.5), ("a.stl", _TEXT_STL, 1.0)]
 )

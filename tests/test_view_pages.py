@@ -56,6 +56,7 @@ def test_a_light_page_of_talos_is_small_and_asks_for_nothing(tmp_path):
     assert reader.asked == []
 
 
+@pytest.mark.long
 def test_the_same_picture_is_the_same_page():
     bar = cp.model.four_bar()
     assert drawing(bar).html() == drawing(bar).html()
@@ -89,6 +90,7 @@ def test_ports_are_chosen_and_closing_frees_them():
     assert server.fileno() == -1
 
 
+@pytest.mark.long
 def test_a_program_that_forgets_its_viewer_ends_cleanly():
     code = (
         "import condyn_pin as cp, urllib.request, gc\n"
@@ -108,6 +110,7 @@ def test_the_command_shows_a_robot(name, monkeypatch):
     assert viewing.start(name).triangles > 10_000
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["cassie", "talos"])
 def test_a_page_takes_few_calls(name):
     """Meshes go through arrays, not number by number; `benchmarks/viewing.py` has the seconds."""
@@ -131,6 +134,7 @@ def test_without_chromium_the_remedy_is_named(monkeypatch, tmp_path):
         cp.view(cp.model.pendulum(), png=tmp_path / "p.png")
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(("variables", "code"), [({}, 0), ({"CI": "true"}, 1)])
 def test_tests_without_a_browser_are_left_out_aloud_and_fail_in_ci(tmp_path, variables, code):
     test = tmp_path / "test_it.py"
@@ -204,6 +208,7 @@ def run(*words):
     return condyn("view", *words)
 
 
+@pytest.mark.long
 def test_the_command_writes_a_page(tmp_path):
     path = tmp_path / "cassie.html"
     result = run("cassie", "--posture", "standing", "--forces", "--light", "--html", str(path))
@@ -299,6 +304,7 @@ def test_a_browser_plays_the_motion_without_a_network(tmp_path):
             assert np.allclose(seen, part.place(found.instants[9]), atol=1e-5), part.path
 
 
+@pytest.mark.long
 @pytest.mark.chromium
 def test_a_browser_plays_by_itself(monkeypatch):
     monkeypatch.syspath_prepend(str(BENCHMARKS))
@@ -375,6 +381,7 @@ def pace(tmp_path_factory):
     return asked(tmp_path_factory.mktemp("pace"), found.html(), _PACE)
 
 
+@pytest.mark.long
 @pytest.mark.chromium
 def test_what_rests_is_whole_and_sharp(pace):
     assert pace["first"] == pace["rest"] == pace["paused"]
@@ -382,6 +389,7 @@ def test_what_rests_is_whole_and_sharp(pace):
     assert pace["first"][1] > 20_000
 
 
+@pytest.mark.long
 @pytest.mark.chromium
 def test_what_moves_has_few_triangles(pace):
     few = {pace[when][1] for when in ("turned", "fast", "slow", "slower", "again", "faster")}
@@ -390,6 +398,7 @@ def test_what_moves_has_few_triangles(pace):
     assert pace["turned"][0] == 0.5
 
 
+@pytest.mark.long
 @pytest.mark.chromium
 def test_a_slow_motion_has_fewer_pixels_until_it_is_fast_again(pace):
     pixels = {when: pace[when][0] for when in ("fast", "slow", "slower", "again", "faster")}
@@ -446,6 +455,7 @@ def test_a_bar_plays_seeks_and_sets_the_speed(tmp_path):
     assert (found["scale"], found["times"]) == (0.5, "0.50 x")
 
 
+@pytest.mark.long
 @pytest.mark.chromium
 def test_a_still_picture_has_no_bar(tmp_path):
     script = """let found = getComputedStyle(document.getElementById("player")).display;"""
@@ -473,6 +483,7 @@ let found = {seen, sprites};
 """
 
 
+@pytest.mark.long
 @pytest.mark.chromium
 def test_words_are_painted_over_the_picture_and_never_over_each_other(tmp_path):
     found = asked(tmp_path, drawing(swinging()).html(), _WORDS, before="")
@@ -498,6 +509,7 @@ moved -= 250;  // [ms] for which what moved is still drawn with fewer pixels
 </script></body>"""
 
 
+@pytest.mark.long
 @pytest.mark.chromium
 def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, monkeypatch):
     from PIL import Image

@@ -96,6 +96,7 @@ def test_nothing_else_is_served(viewer, request_line, status):
     assert b"<script>" not in body
 
 
+@pytest.mark.long
 def test_there_is_no_websocket(viewer):
     """The page holds everything: nobody can write to it, or listen to what is shown."""
     status, body = answer(
@@ -125,12 +126,14 @@ def test_connections_that_say_nothing_take_few_threads(capfd):
     assert capfd.readouterr() == ("", "")
 
 
+@pytest.mark.long
 def test_a_connection_that_says_nothing_is_hung_up(monkeypatch):
     monkeypatch.setattr(server._Handler, "timeout", 0.01)
     with cp.view(cp.model.pendulum(), browser=False) as viewer, connected(viewer) as connection:
         assert everything(connection) == b""
 
 
+@pytest.mark.long
 def test_a_reader_that_breaks_off_is_no_text_on_the_terminal(viewer, capfd):
     for _ in range(4):
         connection = connected(viewer)

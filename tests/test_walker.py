@@ -78,6 +78,7 @@ def test_its_eigenvalues_by_differences_of_the_dae(walker):
     assert found == pytest.approx(EIGENVALUES, abs=2e-5)
 
 
+@pytest.mark.long
 def test_it_walks_on_from_beside_the_cycle(walker):
     z = CYCLE + np.array([0.005, 0.02, -0.02])
     for _ in range(8):
@@ -85,6 +86,7 @@ def test_it_walks_on_from_beside_the_cycle(walker):
     assert z == pytest.approx(CYCLE, abs=1e-3)
 
 
+@pytest.mark.long
 def test_sizes_are_refused():
     with pytest.raises(cp.InvalidArgument, match="hip"):
         cp.model.compass_walker(hip=0.0)

@@ -34,6 +34,7 @@ def test_machines_take_few_iterations(label, most):
     assert all(workspace.solve(*state).iterations <= most for state in states(label))
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["four_bar", "n_four_bar", "five_bar", "parallelogram"])
 def test_planar_loops_in_a_slanted_plane_take_three_iterations(name):
     """Rows across the plane are then no longer exactly zero, and lam grows along them."""
@@ -98,6 +99,7 @@ def test_edges_through_one_point_leave_eleven_digits(severity):
         assert solution.iterations <= 6
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("severity", [1e-9, 1e-12])
 def test_a_body_that_weighs_nothing_is_not_moved_by_the_last_step_of_lam(severity):
     """A force of 1e-9 of the weight is 1e-8 N, and 1e4 m/s^2 to a body of 1e-12 kg."""
@@ -109,6 +111,7 @@ def test_a_body_that_weighs_nothing_is_not_moved_by_the_last_step_of_lam(severit
         assert error < 1e-4 * 2.0**-52 * case.scene.nominal.delassus_condition
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("severity", [1e-10, 1e-11, 0.0])
 def test_a_flat_parallelogram_takes_five_iterations_more(severity):
     """What is left of G has one eigenvalue, a large one: a small mu is as safe as a large one."""
@@ -134,6 +137,7 @@ def test_a_nearly_flat_parallelogram_is_solved_at_every_angle(severity, seed):
     assert np.array_equal(workspace.lam(), solution.lam)
 
 
+@pytest.mark.long
 def test_spinning_rods_are_right_and_say_so():
     """The bound once said 4e-8 of answers that are off by 1e-11."""
     for severity in (0.0, 0.2):
@@ -159,6 +163,7 @@ def test_machines_near_their_singularity_get_a_correction(name, severity, seed):
     assert solution.iterations == rough.iterations + 1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "g1 contacts"])
 def test_machines_need_no_correction(label):
     plain = cp.Proximal(refinements=0)
@@ -180,6 +185,7 @@ def test_edges_that_are_near_to_each_other_leave_digits(severity, parameters):
     assert 1e-7 < lost < 0.1
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("seed", range(3))
 def test_an_iteration_ends_when_light_joints_are_at_rest_too(seed):
     """1e-9 of the weight, along points that weigh little in G, is 3e-9 of a light joint's a."""
@@ -211,6 +217,7 @@ def test_open_loops_with_rows_that_contradict_each_other_are_solved():
                     assert error_of(case, solution.a, right) < 2e-9
 
 
+@pytest.mark.long
 def test_few_iterations_that_were_asked_for_stay_few():
     case = EXTREMES["parallelogram"].case(1e-6, 0)
     solver = cp.Proximal(max_iterations=5)
@@ -218,6 +225,7 @@ def test_few_iterations_that_were_asked_for_stay_few():
     assert solution.iterations == 5
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("label", ["talos corners", "cassie loops"])
 def test_refinements_and_other_weights_agree(label):
     for state, right in zip(states(label), truth(label), strict=True):
@@ -226,6 +234,7 @@ def test_refinements_and_other_weights_agree(label):
         assert relative(a, right.a) < 1e-10
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", ["mass_ratio", "parallelogram", "many_cells"])
 def test_no_mu_by_hand_is_three_times_better(name, monkeypatch):
     """Times are not compared here: `benchmarks/solvers.py auto_mu` does."""
@@ -241,6 +250,7 @@ def test_no_mu_by_hand_is_three_times_better(name, monkeypatch):
             assert each.error_is_good, each
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("index", [1, 3])
 def test_runs_stay_closed_in_the_memory_that_they_began_with(index, monkeypatch):
     monkeypatch.syspath_prepend(BENCHMARKS)
@@ -266,6 +276,7 @@ def test_contradictory_rows_are_named_with_the_size_of_their_conflict():
     assert not case.scene.rank(EXTREMES["contradictory"].case(0.0, 0).q).weak
 
 
+@pytest.mark.long
 def test_open_loops_that_can_be_closed_contradict_nothing():
     scene = all_scenes()["talos contacts"]
     q, _ = scene.state()
@@ -290,6 +301,7 @@ def test_rows_that_lose_their_grip_are_named():
     assert any("nearly singular" in notice and weak[0] in notice for notice in doubtful.notices)
 
 
+@pytest.mark.long
 @pytest.mark.values
 @pytest.mark.parametrize("share", [0.5, 0.95, 1.05, 2.0])
 @pytest.mark.parametrize("dt", [1e-6, 1e-5, 1e-4, 1e-3, 1e-2, 1e-1])
@@ -314,6 +326,7 @@ def test_steps_of_every_size_on_both_sides_of_the_wall(dt, share):
     assert run.violation.max() < 1e-4
 
 
+@pytest.mark.long
 @pytest.mark.values
 @pytest.mark.parametrize("away", [1e3, 1e5, 3e5, 1e6, 1e7])
 @pytest.mark.parametrize(

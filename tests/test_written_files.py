@@ -93,12 +93,14 @@ def test_a_full_disk_leaves_the_old_file(name, writers, tmp_path, full_disk):
     assert os.listdir(tmp_path) == [name]
 
 
+@pytest.mark.long
 @each_row("name", WRITERS)
 def test_folders_that_are_not_there_are_named(name, writers, tmp_path):
     with pytest.raises(cp.InvalidArgument, match=r"cannot be written: there is no folder .*no;"):
         writers[name](tmp_path / "no" / name)
 
 
+@pytest.mark.long
 def test_a_picture_without_an_ending_is_a_png(tmp_path):
     matplotlib = pytest.importorskip("matplotlib")
     from matplotlib.figure import Figure
@@ -124,6 +126,7 @@ def test_what_stops_in_the_middle_leaves_nothing(tmp_path):
     assert os.listdir(tmp_path) == ["a.txt"]
 
 
+@pytest.mark.long
 def test_permissions_and_links_stay(tmp_path):
     path, link = tmp_path / "a.txt", tmp_path / "link.txt"
     path.write_text("old", encoding="utf-8")
@@ -147,6 +150,7 @@ def test_what_is_no_file_is_written_to(tmp_path):
         write_text(tmp_path, "x")
 
 
+@pytest.mark.long
 def test_looking_leaves_nothing(tmp_path):
     old = tmp_path / "old.txt"
     old.write_text("old", encoding="utf-8")
@@ -156,6 +160,7 @@ def test_looking_leaves_nothing(tmp_path):
     assert old.read_text(encoding="utf-8") == "old"
 
 
+@pytest.mark.long
 def test_nothing_is_written_in_another_way():
     """All of it opens files for writing in `files/`; results grow line by line."""
     words = ("write_text(encoding", ".write_bytes(", '.open("w', "np.save(", ".touch(")
@@ -200,6 +205,7 @@ def test_results_that_no_longer_fit_are_named(table, tmp_path, monkeypatch):
     assert Results(tmp_path / "rows").find("f", table.rows[0].key) == table.rows[0]
 
 
+@pytest.mark.long
 @each_row(
     ("key", "value"),
     [("error", "x"), ("parameters", 3), ("solver", None), ("where", []), ("found", -1)],
@@ -218,6 +224,7 @@ def test_plans_that_say_something_else_are_none(key, value, tmp_path):
         plans.read_plan(path)
 
 
+@pytest.mark.long
 def test_a_table_of_something_else_is_not_lost(tmp_path):
     """A stress run keeps the lines of other Pinocchios: it looks at the file first."""
     path = tmp_path / "mine.csv"
@@ -243,6 +250,7 @@ with atomic_write(sys.argv[1]) as new:
 """
 
 
+@pytest.mark.long
 @pytest.mark.skipif(os.name == "nt", reason="locks of files")
 def test_what_a_killed_writer_leaves_goes_with_the_next(tmp_path):
     path = tmp_path / "a.txt"

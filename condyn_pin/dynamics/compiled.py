@@ -21,7 +21,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import QUATERNION_TOLERANCE, State, listed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.compiled import compiled, constrained_aba, refuse
+from condyn_pin._core.compiled import compiled, constrained_aba, has_core, refuse
 from condyn_pin._core.models import axes, indices, is_forest
 from condyn_pin.constraints.contacts.candidates import pieces_of
 from condyn_pin.constraints.drift import Baumgarte
@@ -93,6 +93,8 @@ def why_not_rows(model: Any, bounds: Sequence[BoundConstraint]) -> Iterator[str]
 
 
 def _why_not_joints(model: Any) -> Iterator[str]:
+    if not has_core():  # it says which joints it was compiled for
+        return
     for joint in _others(model, compiled().joints):
         yield f"{joint}, which it was not compiled for"
 

@@ -92,18 +92,22 @@ def with_whole_joints(
         model.inertias[body] = _part(robot.model.inertias[body], n + 1)
     for cut in cuts:
         cut.add_to(model)
-    ordered, index_q, _ = depth_first(model)
     data = whole_data(robot.model)
 
-    def with_coordinates(q: Array) -> Array:
+    def longer(q: Array) -> Array:
+        """Configuration with the coordinates of the joints at its end."""
         pin.forwardKinematics(robot.model, data, q)
-        return np.concatenate([q, *(cut.coordinates(data) for cut in cuts)])[index_q]
+        return np.concatenate([q, *(cut.coordinates(data) for cut in cuts)])
+
+    for entry in robot.model.referenceConfigurations:
+        model.referenceConfigurations[entry.key()] = longer(np.array(entry.data()))
+    ordered, index_q, _ = depth_first(model)
 
     ends = [{*loop.frames} for loop in chosen]
     return replace(
         robot,
         model=ordered,
-        postures={name: with_coordinates(q) for name, q in robot.postures.items()},
+        postures={name: longer(q)[index_q] for name, q in robot.postures.items()},
         loops=(
             *(each for each in robot.loops if {*each.frames} not in ends),
             *(cut.weld for cut in cuts),
@@ -188,9 +192,8 @@ class _Cut:
             values.append(step.value(M))
             M = step.placed(values[-1]).actInv(M)
         middle = 0.5 * (self._settings.lower + self._settings.upper)
-        if (
-            len(values) == 1 and self._steps[0].turns and abs(middle) < UNLIMITED
-        ):  # the turn between its stops
+        is_hinge = len(values) == 1 and self._steps[0].turns
+        if is_hinge and abs(middle) < UNLIMITED:  # the turn between its stops
             values[0] -= 2 * pi * round((values[0] - middle) / (2 * pi))
         return np.array(values if self._forward else values[::-1])
 

@@ -3,7 +3,7 @@
 Each draws on axes of matplotlib, or on a new figure, and returns the axes. For a paper:
 
     with plots.style("paper"):
-        plots.energy(run).figure.savefig("energy.pdf")
+        plots.energy(run)
 """
 
 from __future__ import annotations
