@@ -202,7 +202,7 @@ bool Proximal::is_off() const
 bool Proximal::moves() const
 {
   for (std::size_t k = 0; k < constraints.size(); ++k)
-    if (datas[k].contact_velocity_error.toVector().head(scene.plain_specs[k].rows).squaredNorm() > scene.open_squared)
+    if (datas[k].contact_velocity_error.toVector().head(scene.plain_specs[k].size).squaredNorm() > scene.open_squared)
       return true;
   return false;
 }
