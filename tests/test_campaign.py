@@ -130,7 +130,7 @@ def test_answers_of_loops_of_four_rows_are_right(kind, monkeypatch):
                 seen += 1
                 assert right.error(found.a) < 1e-8
                 assert right.force_error(found) < 1e-7
-    assert seen > 8
+    assert seen >= 8  # by each engine, four of the first twelve
 
 
 def test_derivatives_are_right_along_the_constraints():
