@@ -541,25 +541,20 @@ class Robot:
     def with_whole_joints(self, *loops: str | Loop) -> Robot:
         """Return a robot in whose tree the joints that close loops are joints like the others.
 
-        A `Loop` holds two bodies together and has no coordinate. Here its joint is in q and v by
-        the name of the loop, so that stops, springs, dampers, friction, motors, rotors and drives
-        act in it as in any joint. The body behind it is cut instead: the joint carries a piece of
-        that body, and a weld ``NAME_weld`` in place of the loop holds the rest. The motion and the
-        wrench in the joint are those of the machine, whichever of its joints closes the loop.
+        The joint is in q and v by the name of the loop: stops, springs, friction, motors and drives
+        act in it. It carries a piece of the body behind it; a weld ``NAME_weld`` holds the rest.
 
         Parameters
         ----------
         *loops : str or Loop
-            Names of `loops` that are hinges, sliders, cylindrical or universal joints, or balls; or
-            such loops themselves, which replace those between the same two frames.
+            Names of `loops` that are joints with coordinates, or such loops themselves.
 
         Returns
         -------
         Robot
             A cylindrical joint is ``NAME_slide`` and ``NAME_turn``, a universal one ``NAME_axis``
-            and ``NAME_axis2``. Coordinates count `frame_b` relative to `frame_a`, and are zero
-            where their axes coincide; postures have them, angles between -pi and pi. In a motion
-            they count turns.
+            and ``NAME_axis2``. Coordinates are of `frame_b` relative to `frame_a`; those of
+            postures are between -pi and pi, and count turns in a motion.
 
         Raises
         ------
@@ -572,10 +567,7 @@ class Robot:
 
         Notes
         -----
-        The pieces of a body have equal shares of its inertia: change masses before. Forces of the
-        weld are inside the body; `Solution.bearings` has those of the joint. The weld has 6 rows of
-        Pinocchio's own: an acceleration of a loop in space takes 6 us, with a hinge in `loops`
-        15 us, with a slider 97 us.
+        The pieces of a body have equal shares of its inertia: change masses before.
         """
         from condyn_pin.model.whole_joints import with_whole_joints
 
