@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import re
 import shlex
+import tomllib
 from functools import reduce
 from importlib import import_module
 from pathlib import Path
@@ -218,3 +219,10 @@ def test_changelog_has_this_version_and_a_line_an_entry():
     assert all(line[:2] in ("- ", "##", "") for line in entries if line[:3] != "###")
     long = [line for line in entries if line[:2] == "- " and len(line[2:].split()) > 25]
     assert not long
+
+
+def test_every_extra_is_on_the_page_of_installation():
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text("utf-8"))["project"]
+    extras = set(project["optional-dependencies"]) - {"dev", "docs", "all", "peers", "native"}
+    page = (ROOT / "docs" / "start.md").read_text("utf-8")
+    assert not {extra for extra in extras if f"[{extra}]" not in page}
