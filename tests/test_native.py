@@ -779,6 +779,8 @@ def test_a_workspace_refuses_or_leaves_what_the_core_does_not_take(monkeypatch):
     assert_array_equal(workspace.solve(*state).a, wanted.a)
     with pytest.raises(cp.InvalidArgument, match="engine = 'C'"):
         cp.Workspace(scene, engine="C")
+    with pytest.warns(DeprecationWarning, match="native = True is engine = 'core' now"):
+        assert cp.Workspace(scene, native=True).engine == "core"
     again = pickle.loads(pickle.dumps(cp.Workspace(scene, engine="core")))
     assert again.engine == "core"
     push = [cp.AppliedForce("base_link", (1.0, 0.0, 0.0))]

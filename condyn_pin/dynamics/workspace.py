@@ -172,6 +172,8 @@ class Workspace(OneThread):
         workspace shows, or the compiled core, with the same answers in less time. "auto" has
         Python answer what the core does not take, and everything where no core is installed;
         "core" refuses a scene or solver that the core does not take.
+    native : bool, optional
+        Name of `engine` in the last version: True is "core". It goes with the next.
 
     Attributes
     ----------
@@ -213,9 +215,13 @@ class Workspace(OneThread):
 
     def __init__(
         self, scene: Scene, solver: Solver | None = None, *, drift: Baumgarte | None = None,
-        engine: Engine = "python",
+        engine: Engine = "python", native: bool | None = None,
     ) -> None:  # fmt: skip
         check_scene(scene)
+        if native is not None:
+            engine = "core" if native else "python"
+            text = f"native = {native!r} is engine = {engine!r} now"
+            warnings.warn(text, DeprecationWarning, stacklevel=2)
         self.engine, self._by_core = engine, is_compiled(engine)
         if not isinstance(solver, Solver | None):
             raise InvalidArgument(
