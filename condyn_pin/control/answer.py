@@ -182,7 +182,7 @@ class ControlAnswer:
 
     @cached_property
     def notices(self) -> tuple[str, ...]:
-        """What deserves attention, a sentence each; they change no status.
+        """Sentences on what deserves attention; they change no status.
 
         Those of the tick, forces on the edge of their cones, and centres of pressure (ZMP) or mass
         on the edge of the support, computed on first use.

@@ -350,16 +350,16 @@ def place_on_ground(scene: Scene, q: ArrayLike) -> Array:
     if not candidates.cones or model.joints[1].shortname() != "JointModelFreeFlyer":
         return placed
     own = _of_the_base(scene)
-    if (own & candidates.on_ground).any() and upward(scene).any():
+    has_vertical = bool(upward(scene).any())
+    if has_vertical and (own & candidates.on_ground).any():
         on_ground = _lowered(scene, candidates, own, placed)
-        _check_ties(scene, placed, on_ground)
-        return on_ground
-    if upward(scene).any():
-        down = _put_down(scene, candidates, own, placed)
     else:
-        down = _shifted_base(scene, candidates, own, placed, walls=False)[0]
-    clear, ends = _shifted_base(scene, candidates, own, down, walls=True)
-    on_ground = clear if ends else down
+        if has_vertical:
+            down = _put_down(scene, candidates, own, placed)
+        else:
+            down = _shifted_base(scene, candidates, own, placed, walls=False)[0]
+        clear, ends = _shifted_base(scene, candidates, own, down, walls=True)
+        on_ground = clear if ends else down
     _check_ties(scene, placed, on_ground)
     return on_ground
 

@@ -167,47 +167,43 @@ def _text(found: _Penetration, t0: float) -> str:
 def _penetrating_bodies(
     trajectory: Trajectory, scene: Scene, looks: NDArray[np.int_], solids: tuple[_Solid, ...]
 ) -> list[_Penetration]:
-    """Bodies that are in a plane of a scene at some samples, by more than they may be."""
-    planes, worlds = _planes(scene), _worlds(scene)
+    """Bodies that are in the ground of a scene at some samples, by more than they may be."""
+    grounds = [*_planes(scene), *_worlds(scene)]
     model = scene.robot.unedited
     data = data_of(model)
     found: dict[tuple[int, int], _Penetration] = {}
     for i in looks:
         algorithms(data).forwardKinematics(model, data, trajectory.q[i])
         t = float(trajectory.t[i])
-        for k, plane in enumerate(planes):
-            oMp = data.oMi[plane.ground] * plane.placement
-            n, height = oMp.rotation[:, 2], float(oMp.rotation[:, 2] @ oMp.translation)
+        for k, ground in enumerate(grounds):
             for s, solid in enumerate(solids):
-                if solid.joint == plane.ground or solid.link in plane.apart:
+                if solid.joint == ground.ground or solid.link in ground.apart:
                     continue
-                oMi = data.oMi[solid.joint]
-                down = oMi.rotation.T @ n
-                level = height - float(n @ oMi.translation)
-                allowed = plane.allowed.get(solid.joint, tolerances.IN_THE_GROUND)
-                if level + solid.radius - float(down @ solid.middle) <= allowed:
-                    continue
-                depth = level - float((solid.corners @ down).min())
+                allowed = ground.allowed.get(solid.joint, tolerances.IN_THE_GROUND)
+                if ground.surface is None:
+                    depth = _depth_in_plane(ground, solid, data.oMi, allowed)
+                else:
+                    depth = _depth_in_parts(ground.surface, solid, data.oMi[solid.joint])
                 before = found.get((k, s))
                 if depth > allowed and (before is None or depth > before.depth):
                     first = before.first if before else t
-                    found[k, s] = _Penetration(solid, plane, depth, t, first)
-        for k, world in enumerate(worlds, start=len(planes)):
-            for s, solid in enumerate(solids):
-                if solid.link in world.apart:
-                    continue
-                depth = _depth(world.surface, solid, data.oMi[solid.joint])
-                before = found.get((k, s))
-                allowed = world.allowed.get(solid.joint, tolerances.IN_THE_GROUND)
-                if depth > allowed and (before is None or depth > before.depth):
-                    found[k, s] = _Penetration(
-                        solid, world, depth, t, before.first if before else t
-                    )
+                    found[k, s] = _Penetration(solid, ground, depth, t, first)
     return list(found.values())
 
 
-def _depth(surface: Any, solid: _Solid, at: Any) -> float:
-    """How deep the deepest corner of a solid is in the convex parts of a ground [m]."""
+def _depth_in_plane(plane: _Ground, solid: _Solid, oMi: Any, allowed: float) -> float:
+    """Depth of the lowest corner of a solid under a plane [m]; 0 where its ball has less."""
+    oMp, at = oMi[plane.ground] * plane.placement, oMi[solid.joint]
+    n = oMp.rotation[:, 2]
+    down = at.rotation.T @ n
+    level = float(n @ oMp.translation) - float(n @ at.translation)
+    if level + solid.radius - float(down @ solid.middle) <= allowed:
+        return 0.0
+    return level - float((solid.corners @ down).min())
+
+
+def _depth_in_parts(surface: Any, solid: _Solid, at: Any) -> float:
+    """Depth of the deepest corner of a solid in the convex parts of a ground [m]."""
     middle, (low, high) = at.act(solid.middle), surface.bounds
     near = (low <= middle + solid.radius) & (high >= middle - solid.radius)
     corners, deepest = None, 0.0

@@ -1,4 +1,4 @@
-"""Trajectory: a motion that was simulated, and what it says about itself."""
+"""Trajectory: a motion that was simulated, its summary, and its balance on the floor."""
 
 from __future__ import annotations
 
